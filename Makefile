@@ -1,0 +1,37 @@
+# On a fresh machine `make demo` and `make test` do all the set-up they need.
+PYTHON ?= python3
+BIN := .venv/bin
+DEMO := demo
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench format clean
+
+help:  ## list what can be made
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+
+.venv/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,test]'
+	@touch $@
+
+demo: .venv/.installed  ## score the racetrack demonstrations, ask LCoR, write the report
+	@PATH="$(CURDIR)/$(BIN):$$PATH" DEMO=$(DEMO) sh docs/demo.sh
+
+test: .venv/.installed  ## run the tests
+	$(BIN)/pytest
+
+check: .venv/.installed  ## format, lint, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+bench: .venv/.installed  ## run the benchmarks
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+format: .venv/.installed  ## format and sort imports
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:  ## remove what was made, but not the datasets
+	rm -rf .venv $(DEMO) .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,1 @@
+"""The REST service over a store; empty until its first route lands."""

@@ -1,0 +1,1 @@
+"""The subcommands of `ssil-data`, as functions whose parameters are the command line."""

@@ -1,0 +1,153 @@
+"""Commands about datasets: list, import, validate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
+from ssil_data.dataset import Dataset
+from ssil_data.interop import Columns, Imported, Layout, imported, read_columns
+
+_Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
+
+
+def datasets(*, place: StorePlace = Place(), json: AsJson = False) -> None:  # noqa: B008
+    """List the datasets of the store."""
+    rows = [_summary(dataset) for dataset in place.open()]
+    if json:
+        print_json({"datasets": rows})
+    elif rows:
+        print_table(f"Datasets in {place.store}", rows)
+    else:
+        print(f"No datasets in {place.store}")
+
+
+def import_file(
+    file: Path,
+    /,
+    *,
+    name: str,
+    state: _Columns = (),
+    action: _Columns = (),
+    episode: str | None = None,
+    labeled: _Columns = (),
+    step: str | None = None,
+    reward: str | None = None,
+    position: _Columns = (),
+    score: str | None = None,
+    tier: str | None = None,
+    append: Annotated[bool, Parameter(negative=())] = False,
+    place: StorePlace = Place(),  # noqa: B008
+    json: AsJson = False,
+) -> None:
+    """Import demonstrations from an npz, CSV or Parquet file as a new dataset.
+
+    Columns of the names states, actions, episode, step, reward, position, score, tier and labeled
+    are found without being named. Everything is checked before anything is written.
+
+    Parameters
+    ----------
+    file:
+        The file: .npz, .csv or .parquet.
+    name:
+        The dataset's name in the store.
+    state:
+        Columns, or arrays, that make the state, in this order.
+    action:
+        Columns, or arrays, that make the action, in this order.
+    episode:
+        Column whose value tells episodes apart; rows of one are adjacent. Without: one episode.
+    labeled:
+        Which episodes are known to be expert: values of the episode column (3 7 or 0-9), all, or
+        the name of a column of true and false.
+    step:
+        Column that must rise by one within an episode.
+    reward:
+        Column of true rewards, for evaluation only.
+    position:
+        Two columns, x and y in metres, for maps only.
+    score:
+        Column of an episode's true quality, for evaluation only; without it, the return.
+    tier:
+        Column of an episode's quality tier, "expert" for the best, for evaluation only.
+    append:
+        Add the episodes to a dataset that exists, as its next version.
+    """
+    columns = read_columns(file)
+    layout = Layout(
+        state=state,
+        action=action,
+        episode=episode,
+        step=step,
+        reward=reward,
+        position=position,
+        score=score,
+        tier=tier,
+        labeled=labeled,
+    )
+    found = imported(columns, layout)
+    store = place.open()
+    if append:
+        dataset = store[name].append(found.episodes)
+    else:
+        dataset = store.create(
+            name,
+            found.episodes,
+            state_names=found.state_names,
+            action_names=found.action_names,
+            card=_card(name, columns, found),
+        )
+    row = _summary(dataset)
+    if json:
+        print_json(row)
+        return
+    print_table(f"Imported {file}", [row])
+    if not row["labeled"]:
+        print("No episode is labeled: `ssil-data score` needs at least one (--labeled).")
+
+
+def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False) -> int:  # noqa: B008
+    """Read every file of a dataset and report what is not as it was written.
+
+    Exit status 1 if anything is damaged.
+
+    Parameters
+    ----------
+    name:
+        The dataset.
+    """
+    dataset = place.open()[name]
+    damaged = dataset.damaged()
+    if json:
+        print_json({"dataset": name, "version": dataset.version, "damaged": damaged})
+    elif damaged:
+        print("\n".join(damaged))
+    else:
+        print(f"{name} {dataset.version}: every file is as it was written")
+    return 1 if damaged else 0
+
+
+def _summary(dataset: Dataset) -> dict[str, str | int]:
+    return {
+        "dataset": dataset.name,
+        "version": dataset.version,
+        "pairs": len(dataset),
+        "episodes": len(dataset.episodes),
+        "labeled": int(dataset.per_pair("labeled").sum()),
+        "state": len(dataset.state_names),
+        "action": len(dataset.action_names),
+        "runs": len(list(dataset.runs)),
+    }
+
+
+def _card(name: str, columns: Columns, found: Imported) -> str:
+    labeled = [episode for episode in found.episodes if episode.labeled]
+    return (
+        f"# {name}\n\nImported from `{columns.path.name}`: {len(found.episodes)} episodes, "
+        f"{sum(map(len, found.episodes))} pairs; {len(labeled)} episodes, "
+        f"{sum(map(len, labeled))} pairs labeled.\n\n"
+        f"State: {', '.join(found.state_names)}.\n\nAction: {', '.join(found.action_names)}.\n"
+    )

@@ -1,0 +1,92 @@
+"""What commands share: where the store is, and how results and progress are shown."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from ssil_data.scoring import Progress as Report
+from ssil_data.store import Store
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the demonstrations are.
+
+    Parameters
+    ----------
+    store:
+        Folder or object-store prefix of datasets.
+    """
+
+    store: Annotated[str, Parameter(env_var="SSIL_STORE")] = "datasets"
+
+    def open(self) -> Store:
+        """Open the store."""
+        return Store(self.store)
+
+
+StorePlace = Annotated[Place, Parameter(name="*")]
+AsJson = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON for machines.")]
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON; never NaN."""
+    print(json.dumps(value, indent=2, allow_nan=False))
+
+
+def print_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print rows as a table whose columns are the keys of the first."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for name, value in rows[0].items() if rows else ():
+        table.add_column(name, justify="right" if isinstance(value, int | float) else "left")
+    for row in rows:
+        table.add_row(*(_shown(value) for value in row.values()))
+    console().print(table)
+
+
+def console() -> Console:
+    """Return a console on standard output; wide where it is not a terminal, so nothing is cut."""
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+@contextmanager
+def progress() -> Iterator[Report]:
+    """Show progress on standard error: bars on a terminal, a line per finished step elsewhere."""
+    if not sys.stderr.isatty():
+        yield _print_finished
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
+        tasks: dict[str, Any] = {}
+
+        def report(what: str, done: int, of: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=of)
+            bars.update(tasks[what], completed=done)
+
+        yield report
+
+
+def _print_finished(what: str, done: int, of: int) -> None:
+    if done == of:
+        print(f"{what}: {of:,} of {of:,}", file=sys.stderr)

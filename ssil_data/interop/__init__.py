@@ -1,0 +1,14 @@
+"""Foreign files as demonstrations; each format is one module that reads named columns."""
+
+from ssil_data.interop.columns import Columns, Imported, Layout, imported
+from ssil_data.interop.files import SUFFIXES, read_columns, read_states
+
+__all__ = [
+    "SUFFIXES",
+    "Columns",
+    "Imported",
+    "Layout",
+    "imported",
+    "read_columns",
+    "read_states",
+]

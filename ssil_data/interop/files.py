@@ -1,0 +1,52 @@
+"""Which module reads a file, by its suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.demonstrations import finite_matrix
+from ssil_data.errors import InvalidInputError, NotFoundError
+from ssil_data.interop import csv, npz, parquet
+from ssil_data.interop.columns import Columns
+
+_READERS: dict[str, Callable[[Path], Columns]] = {
+    ".npz": npz.read,
+    ".npy": npz.read,
+    ".csv": csv.read,
+    ".parquet": parquet.read,
+}
+SUFFIXES = tuple(_READERS)
+
+
+def read_columns(path: Path) -> Columns:
+    """Read the named columns of a file; raises NotFoundError or InvalidInputError, naming it."""
+    if not path.is_file():
+        raise NotFoundError(
+            f"file: expected {path}, found {'a folder' if path.is_dir() else 'none'}"
+        )
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InvalidInputError(
+            f"{path}: expected a file of type {', '.join(SUFFIXES)}, "
+            f"found {path.suffix or 'none'!r}"
+        )
+    return reader(path)
+
+
+def read_states(path: Path, names: list[str]) -> NDArray[np.float32]:
+    """Read states to ask about, (m, d), for a dataset whose dimensions have `names`.
+
+    Taken are the columns of those names; or else `states` or `state`; or else all columns, if
+    there are d of them. Raises InvalidInputError.
+    """
+    columns = read_columns(path)
+    if all(name in columns for name in names):
+        chosen = names
+    else:
+        chosen = next(([name] for name in ("states", "state") if name in columns), list(columns))
+    stacked = np.column_stack([columns.numbers(name) for name in chosen])
+    return finite_matrix(f"{path}: {', '.join(chosen[:3])}", stacked, width=len(names))

@@ -1,0 +1,64 @@
+r"""The kernel of CoR and LCoR (Lee et al., equations 2 and 5), in the logarithm.
+
+    k(d) = (1 + d/α)^(−(α+1)/2),   log k(d) = −(α+1)/2 · log(1 + d/α)
+
+CoR of a state s against expert states E and negative states N is k(d_E) / (k(d_E) + k(d_N)) with
+d_X the root of the mean squared distance to X. Because that mean is ‖s − mean(X)‖² + tr Cov(X), a
+query costs O(d) whatever the size of X. LCoR is the mean of the leverages l_j, weighted by
+k(‖s − s_j‖₁) over all demonstration states s_j.
+
+The paper allows α > −1; for α ≤ 0 the base is undefined or negative, so α > 0 is required.
+Only ratios of kernels are ever needed. Taking their differences in the logarithm first keeps them
+exact where the kernel itself underflows: large α, far from the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssil_data.errors import InvalidInputError
+
+
+def checked_alpha(alpha: float) -> float:
+    """Return a finite α > 0; raises InvalidInputError for anything else."""
+    if not (np.isfinite(alpha) and alpha > 0):
+        raise InvalidInputError(f"alpha: expected a finite number > 0, found {alpha}")
+    return float(alpha)
+
+
+def log_kernel(distance: ArrayLike, alpha: float) -> NDArray[np.float64]:
+    """Return log k(d) ≤ 0 for distances ≥ 0 of any shape."""
+    distances = np.asarray(distance, np.float64)
+    return -(alpha + 1) / 2 * np.log1p(distances / alpha)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What CoR needs of a set of states: their mean (d,) and the trace of their covariance."""
+
+    mean: NDArray[np.float64]
+    trace: float
+
+    @classmethod
+    def of(cls, states: ArrayLike) -> Moments:
+        """Summarise states (n, d), n ≥ 1."""
+        values = np.asarray(states, np.float64)
+        return cls(values.mean(axis=0), float(values.var(axis=0).sum()))
+
+    def rms_distance(self, states: ArrayLike) -> NDArray[np.float64]:
+        """Return the root of the mean squared Euclidean distance from each of (m, d), (m,)."""
+        offset = np.asarray(states, np.float64) - self.mean
+        return np.sqrt(np.einsum("md,md->m", offset, offset) + self.trace)
+
+
+def cor(states: ArrayLike, expert: Moments, negative: Moments, alpha: float) -> NDArray[np.float64]:
+    """Return CoR (equation 2) of states (m, d), (m,) in [0, 1].
+
+    Exchanging expert and negative gives the complement to 1.
+    """
+    to_expert = log_kernel(expert.rms_distance(states), alpha)
+    to_negative = log_kernel(negative.rms_distance(states), alpha)
+    return 0.5 * (1 + np.tanh((to_expert - to_negative) / 2))

@@ -1,0 +1,125 @@
+"""The Arrow form of demonstrations: the columns of the tables, and values to and from them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from ssil_data.demonstrations import Episode, Pairs
+from ssil_data.errors import DamagedError, InvalidInputError
+
+PARTS = ("aleatoric", "epistemic")
+"""The named parts of an uncertainty that the leverage table has columns for."""
+
+EPISODES = pa.schema(
+    [
+        pa.field("episode", pa.int64(), nullable=False),
+        pa.field("length", pa.int64(), nullable=False),
+        pa.field("labeled", pa.bool_(), nullable=False),
+        pa.field("source", pa.string()),
+        pa.field("score", pa.float64()),
+        pa.field("tier", pa.string()),
+        pa.field("ending", pa.string()),
+    ]
+)
+
+VALUES = pa.schema(
+    [
+        pa.field("episode", pa.int64(), nullable=False),
+        pa.field("step", pa.int64(), nullable=False),
+        pa.field("uncertainty", pa.float32()),
+        *(pa.field(part, pa.float32()) for part in PARTS),
+        pa.field("leverage", pa.float32()),
+    ]
+)
+"""One run's values, in the order of the pairs."""
+
+LEVERAGE = pa.schema([pa.field("run", pa.string(), nullable=False), *VALUES])
+
+
+def _numbers(name: str, names: Sequence[str] | None = None) -> pa.Field:
+    metadata = None if names is None else {"names": json.dumps(list(names))}
+    return pa.field(name, pa.list_(pa.field("element", pa.float32())), metadata=metadata)
+
+
+def pairs_schema(state_names: Sequence[str], action_names: Sequence[str]) -> pa.Schema:
+    """Return the columns of a pairs table; the names of the dimensions fix the widths."""
+    for kind, names in (("state", state_names), ("action", action_names)):
+        if not names or len(set(names)) != len(names):
+            raise InvalidInputError(
+                f"{kind} names: expected at least one, all different, found {list(names)}"
+            )
+    return pa.schema(
+        [
+            pa.field("episode", pa.int64(), nullable=False),
+            pa.field("step", pa.int64(), nullable=False),
+            _numbers("state", state_names),
+            _numbers("action", action_names),
+            pa.field("reward", pa.float32()),
+            _numbers("position"),
+        ]
+    )
+
+
+def dimension_names(schema: pa.Schema, column: str) -> list[str]:
+    """Return the names that `pairs_schema` gave to the dimensions of `state` or `action`."""
+    return json.loads(schema.field(column).metadata[b"names"])
+
+
+def rows_of(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
+    """Return one episode as rows of the pairs table; raises InvalidInputError for other widths."""
+    for column, values in (("state", episode.states), ("action", episode.actions)):
+        width = len(dimension_names(schema, column))
+        if values.shape[1] != width:
+            raise InvalidInputError(
+                f"{column}s of episode {number}: expected width {width}, found {values.shape[1]}"
+            )
+    missing = pa.nulls(len(episode))
+    columns = {
+        "episode": np.full(len(episode), number),
+        "step": np.arange(len(episode)),
+        "state": _lists(episode.states),
+        "action": _lists(episode.actions),
+        "reward": missing if episode.rewards is None else episode.rewards,
+        "position": missing if episode.positions is None else _lists(episode.positions),
+    }
+    return pa.table(columns).cast(schema)
+
+
+def description_of(number: int, episode: Episode) -> dict[str, Any]:
+    """Return one episode as a row of the episodes table."""
+    kept = ("labeled", "source", "score", "tier", "ending")
+    known = {name: getattr(episode, name) for name in kept}
+    return {"episode": number, "length": len(episode), **known}
+
+
+def pairs_of(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
+    """Return rows of the pairs table as pairs; raises DamagedError for lists of another width."""
+    return Pairs(
+        states=matrix(batch.column("state"), len(dimension_names(schema, "state"))),
+        actions=matrix(batch.column("action"), len(dimension_names(schema, "action"))),
+        episode=batch.column("episode").to_numpy(),
+        step=batch.column("step").to_numpy(),
+    )
+
+
+def matrix(column: pa.ListArray, width: int) -> NDArray[np.float32]:
+    """Return a list column as (n, width); raises DamagedError for lists of another width."""
+    lengths = pc.list_value_length(column).fill_null(0).to_numpy()
+    odd = np.flatnonzero(lengths != width)
+    if len(odd):
+        row = int(odd[0])
+        raise DamagedError(f"list: expected width {width}, found {lengths[row]} at row {row}")
+    return column.flatten().to_numpy().reshape(-1, width)
+
+
+def _lists(values: NDArray[np.float32]) -> pa.ListArray:
+    rows, width = values.shape
+    offsets = np.arange(0, (rows + 1) * width, width, dtype=np.int32)
+    return pa.ListArray.from_arrays(offsets, values.reshape(-1))

@@ -1,0 +1,127 @@
+"""Bytes under names: one folder on disk or one prefix of an object store, written durably."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from pathlib import Path
+
+import pyarrow as pa
+from pyarrow import fs
+
+from ssil_data.errors import InvalidInputError, NotFoundError
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+def checked_name(kind: str, name: str) -> str:
+    """Return `name` if it can be a folder of the store and nothing above it.
+
+    Raises InvalidInputError otherwise.
+    """
+    if not _NAME.fullmatch(name):
+        raise InvalidInputError(
+            f"{kind} name: expected up to 100 letters, digits, '.', '_' or '-', "
+            f"beginning with a letter or digit, found {name!r}"
+        )
+    return name
+
+
+def sync(path: Path) -> None:
+    """Ask the operating system to put a local file's or folder's bytes on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+class Folder:
+    """A folder by path, or a prefix by URI (`s3://…`), with credentials in the environment."""
+
+    def __init__(self, location: str | Path) -> None:
+        """Point at `location`; nothing is created before the first write."""
+        if "://" in str(location):
+            self.uri = str(location).rstrip("/")
+            self._files, self._path = fs.FileSystem.from_uri(self.uri)
+            self.local: Path | None = None
+        else:
+            self.local = Path(location).absolute()
+            self.uri = self._path = str(self.local)
+            self._files = fs.LocalFileSystem()
+
+    def __truediv__(self, name: str) -> Folder:
+        """Return a folder below this one."""
+        return Folder(f"{self.uri}/{name}")
+
+    def __repr__(self) -> str:
+        """Show the location."""
+        return f"Folder({self.uri!r})"
+
+    def names(self) -> list[str]:
+        """List what lies directly in the folder, sorted; nothing if it does not exist."""
+        selector = fs.FileSelector(self._path, allow_not_found=True)
+        return sorted(info.base_name for info in self._files.get_file_info(selector))
+
+    def exists(self, name: str = "") -> bool:
+        """Tell whether the folder, or a file or folder in it, exists."""
+        (info,) = self._files.get_file_info([f"{self._path}/{name}".rstrip("/")])
+        return info.type != fs.FileType.NotFound
+
+    def open(self, name: str) -> pa.NativeFile:
+        """Open a file for random reads; raises NotFoundError."""
+        try:
+            return self._files.open_input_file(f"{self._path}/{name}")
+        except FileNotFoundError:
+            raise NotFoundError(f"file: expected {self.uri}/{name}, found none") from None
+
+    def read(self, name: str) -> bytes:
+        """Read a whole file; raises NotFoundError."""
+        with self.open(name) as file:
+            return file.read()
+
+    def write(self, name: str, data: bytes | pa.Buffer) -> None:
+        """Write a whole file so that it is there completely or not at all, even after a power cut.
+
+        On disk: a temporary file, synced, renamed, and the folder synced. An object store's put
+        is atomic and durable by itself.
+        """
+        if self.local is None:
+            with self._files.open_output_stream(f"{self._path}/{name}") as file:
+                file.write(data)
+            return
+        self.make()
+        temporary = self.local / f".{name}.{secrets.token_hex(4)}"
+        try:
+            with temporary.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(self.local / name)
+        finally:
+            temporary.unlink(missing_ok=True)
+        sync(self.local)
+
+    def make(self) -> None:
+        """Create a local folder and those above it durably; an object store needs none."""
+        if self.local is None or self.local.is_dir():
+            return
+        Folder(self.local.parent).make()
+        self.local.mkdir(exist_ok=True)
+        sync(self.local.parent)
+
+    def rename(self, target: Folder) -> bool:
+        """Move a local folder to an unused name; False if the name was taken meanwhile."""
+        assert self.local is not None and target.local is not None
+        try:
+            self.local.rename(target.local)
+        except OSError:
+            return False
+        sync(target.local.parent)
+        return True
+
+    def delete(self) -> None:
+        """Delete the folder and all in it."""
+        if self.exists():
+            self._files.delete_dir(self._path)

@@ -1,0 +1,103 @@
+"""One pass over pairs in bounded memory: their uncertainty, and what a field needs to know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.demonstrations import Pairs, joined
+from ssil_data.estimators import Fitted
+
+SAMPLE = 4096
+"""About as many states, evenly spaced, are kept from the stream."""
+
+
+@dataclass(frozen=True, eq=False)
+class Streamed:
+    """Of n pairs: uncertainty (n,) and its parts; mean and variance (d,) and a sample of states."""
+
+    uncertainty: NDArray[np.float32]
+    parts: Mapping[str, NDArray[np.float32]]
+    mean: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    sample: NDArray[np.float32]
+
+
+def stream(
+    batches: Iterable[Pairs], fitted: Fitted, *, count: int, seen: Callable[[int], None]
+) -> Streamed:
+    """Ask a fitted estimator about `count` pairs, batch by batch; `seen` hears how many are done.
+
+    Memory: 4 bytes a pair, and 4 for each part, beside one batch.
+    """
+    uncertainty = np.empty(count, np.float32)
+    parts: dict[str, NDArray[np.float32]] = {}
+    moments, sample, done = _Moments(), [], 0
+    stride = max(1, count // SAMPLE)
+    for batch, inner in with_margins(batches, fitted.margin):
+        answer = fitted.uncertainty(batch)
+        states = batch.states[inner]
+        rows = slice(done, done + len(states))
+        uncertainty[rows] = answer.total[inner]
+        for name, values in answer.parts.items():
+            parts.setdefault(name, np.empty(count, np.float32))[rows] = values[inner]
+        moments.add(states)
+        sample.append(states[-done % stride :: stride])
+        done = rows.stop
+        seen(done)
+    return Streamed(uncertainty, parts, moments.mean, moments.variance, np.concatenate(sample))
+
+
+def with_margins(batches: Iterable[Pairs], margin: int) -> Iterator[tuple[Pairs, slice]]:
+    """Give each batch `margin` rows of its neighbours, and say where its own rows lie.
+
+    An estimator that looks at neighbouring rows answers as if the stream were one array.
+    """
+    before: Pairs | None = None
+    current: Pairs | None = None
+    for after in batches:
+        if current is not None:
+            yield _with_margin(before, current, after, margin)
+        before, current = current, after
+    if current is not None:
+        yield _with_margin(before, current, None, margin)
+
+
+def _with_margin(
+    before: Pairs | None, current: Pairs, after: Pairs | None, margin: int
+) -> tuple[Pairs, slice]:
+    if margin == 0:
+        return current, slice(0, len(current))
+    head = [] if before is None else [before[max(0, len(before) - margin) :]]
+    tail = [] if after is None else [after[:margin]]
+    first = sum(map(len, head))
+    return joined([*head, current, *tail]), slice(first, first + len(current))
+
+
+class _Moments:
+    """Mean and variance of a stream of rows, joined batch by batch (Chan et al., 1983)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean: NDArray[np.float64] = np.zeros(0)
+        self._squares: NDArray[np.float64] = np.zeros(0)
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        return self._squares / self.count
+
+    def add(self, rows: NDArray[np.float32]) -> None:
+        values = rows.astype(np.float64)
+        mean = values.mean(axis=0)
+        squares = np.square(values - mean).sum(axis=0)
+        if not self.count:
+            self.count, self.mean, self._squares = len(values), mean, squares
+            return
+        total = self.count + len(values)
+        offset = mean - self.mean
+        self.mean = self.mean + offset * (len(values) / total)
+        self._squares = self._squares + squares + offset**2 * (self.count * len(values) / total)
+        self.count = total

@@ -1,0 +1,229 @@
+"""Delta Lake tables of plain Parquet whose files are named by the digest of their bytes.
+
+A commit is acknowledged when its files, its log entry and their folders are on the disk. An entry
+that a power cut left empty or cut off was never acknowledged, and is set aside on opening.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from deltalake import CommitProperties, DeltaTable, Schema, Transaction
+from deltalake.exceptions import CommitFailedError, TableNotFoundError
+from deltalake.transaction import AddAction
+
+from ssil_data.errors import ConflictError, DamagedError, NotFoundError
+from ssil_data.storage import Folder, sync
+
+FILE_BYTES = 64 * 2**20
+"""A Parquet file is closed when it holds this much Arrow data: the memory that a writer needs."""
+
+BATCH_ROWS = 16_384
+"""Rows that a reader of a whole table holds at once."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """One Parquet file of a table: its path, rows, partition and the episodes it spans."""
+
+    path: str
+    rows: int
+    partition: Mapping[str, str]
+    first: int
+    last: int
+    first_step: int
+
+
+class Table:
+    """A table whose rows are ordered by episode and step; a snapshot, taken when it was opened."""
+
+    def __init__(self, folder: Folder, version: int | None = None) -> None:
+        """Open the newest version, or the given one; raises NotFoundError."""
+        self.folder = folder
+        _set_torn_entry_aside(folder)
+        try:
+            self.delta = DeltaTable(folder.uri, version=version)
+        except TableNotFoundError:
+            raise NotFoundError(f"table: expected one at {folder.uri}, found none") from None
+        self.schema = pa.schema(self.delta.schema().to_arrow())
+
+    @classmethod
+    def create(cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()) -> Table:
+        """Create an empty table."""
+        folder.make()
+        DeltaTable.create(folder.uri, Schema.from_arrow(schema), partition_by=list(partition))
+        table = cls(folder)
+        table._sync_log(0)
+        return table
+
+    @property
+    def version(self) -> int:
+        """The number of the newest commit in this snapshot."""
+        return self.delta.version()
+
+    @property
+    def partition_columns(self) -> list[str]:
+        """The columns that are folders and not in the files."""
+        return self.delta.metadata().partition_columns
+
+    def files(self) -> list[DataFile]:
+        """List the files of the snapshot in the order of their rows."""
+        files = []
+        for row in pa.table(self.delta.get_add_actions(flatten=False)).to_pylist():
+            least, most = row["min"], row["max"]
+            files.append(
+                DataFile(
+                    path=row["path"],
+                    rows=row["num_records"],
+                    partition=row.get("partition") or {},
+                    first=least["episode"],
+                    last=most["episode"],
+                    first_step=least.get("step", 0),
+                )
+            )
+        return sorted(files, key=lambda file: (file.first, file.last, file.first_step))
+
+    def claimed(self, claim: str) -> int | None:
+        """Return the number under which a commit claimed a name, or None."""
+        return self.delta.transaction_version(claim)
+
+    def append(
+        self,
+        chunks: Iterable[pa.Table],
+        *,
+        partition: Mapping[str, str] | None = None,
+        claim: tuple[str, int],
+    ) -> None:
+        """Write chunks of rows as one commit that claims a name.
+
+        Raises ConflictError if another writer claimed the same name since this snapshot.
+        """
+        partition = dict(partition or {})
+        actions = [self._write(chunk, partition) for chunk in _gathered(chunks)]
+        before = self.version
+        try:
+            self.delta.create_write_transaction(
+                actions,
+                mode="append",
+                schema=self.delta.schema(),
+                partition_by=self.partition_columns,
+                commit_properties=CommitProperties(app_transactions=[Transaction(*claim)]),
+            )
+        except CommitFailedError as error:
+            raise ConflictError(
+                f"{claim[0]}: expected to be alone, found another writer of the same name ({error})"
+            ) from None
+        self.delta = DeltaTable(self.folder.uri)
+        self._sync_log(before + 1)
+
+    def batches(
+        self, files: Iterable[DataFile], columns: Sequence[str], *, rows: int = BATCH_ROWS
+    ) -> Iterator[pa.RecordBatch]:
+        """Read columns of files in batches of up to `rows` rows; page checksums are verified.
+
+        Raises DamagedError where the bytes are not those that were written.
+        """
+        for file in files:
+            try:
+                with self.folder.open(file.path) as source:
+                    parquet = pq.ParquetFile(source, page_checksum_verification=True)
+                    yield from parquet.iter_batches(batch_size=rows, columns=list(columns))
+            except (OSError, pa.ArrowException) as error:
+                raise DamagedError(f"{self.folder.uri}/{file.path}: {error}") from None
+            except NotFoundError as error:
+                raise DamagedError(str(error)) from None
+
+    def damaged(self) -> list[str]:
+        """Read every file and name those whose bytes do not have the digest in their name."""
+        damaged = []
+        for file in self.files():
+            digest = Path(file.path).stem.removeprefix("part-")
+            try:
+                found = _digest(self.folder.read(file.path))
+            except NotFoundError:
+                found = "no file"
+            if found != digest:
+                damaged.append(f"{self.folder.uri}/{file.path}: expected {digest}, found {found}")
+        return damaged
+
+    def _write(self, rows: pa.Table, partition: Mapping[str, str]) -> AddAction:
+        wanted = [field for field in self.schema if field.name not in partition]
+        rows = rows.select([field.name for field in wanted]).cast(pa.schema(wanted))
+        texts = [field.name for field in wanted if pa.types.is_string(field.type)]
+        sink = pa.BufferOutputStream()
+        pq.write_table(
+            rows, sink, compression="zstd", use_dictionary=texts or False, write_page_checksum=True
+        )
+        data = sink.getvalue()
+        name = f"part-{_digest(data)}.parquet"
+        folder, prefix = self.folder, ""
+        for key, value in partition.items():
+            folder, prefix = folder / f"{key}={value}", f"{prefix}{key}={value}/"
+        folder.write(name, data)
+        size, now = len(memoryview(data)), int(time.time() * 1000)
+        return AddAction(f"{prefix}{name}", size, dict(partition), now, True, _statistics(rows))
+
+    def _sync_log(self, first: int) -> None:
+        if self.folder.local is None:
+            return
+        log = self.folder.local / "_delta_log"
+        for entry in log.iterdir():
+            number = entry.name.split(".")[0]
+            if entry.name == "_last_checkpoint" or (number.isdigit() and int(number) >= first):
+                sync(entry)
+        sync(log)
+        sync(self.folder.local)
+
+
+def _digest(data: bytes | pa.Buffer) -> str:
+    return hashlib.sha256(data).hexdigest()[:32]
+
+
+def _statistics(rows: pa.Table) -> str:
+    """Give Delta's file statistics for the ordering columns, as readers use them to skip files."""
+    order = [name for name in ("episode", "step") if name in rows.column_names]
+    spans = {name: pa.compute.min_max(rows[name]).as_py() for name in order}  # pyright: ignore[reportAttributeAccessIssue]
+    return json.dumps(
+        {
+            "numRecords": len(rows),
+            "minValues": {name: span["min"] for name, span in spans.items()},
+            "maxValues": {name: span["max"] for name, span in spans.items()},
+            "nullCount": dict.fromkeys(order, 0),
+        }
+    )
+
+
+def _gathered(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """Join small chunks into tables of about FILE_BYTES."""
+    gathered: list[pa.Table] = []
+    for chunk in chunks:
+        if gathered and sum(part.nbytes for part in gathered) + chunk.nbytes > FILE_BYTES:
+            yield pa.concat_tables(gathered)
+            gathered = []
+        gathered.append(chunk)
+    if gathered:
+        yield pa.concat_tables(gathered)
+
+
+def _set_torn_entry_aside(folder: Folder) -> None:
+    """Rename the newest log entry if it is empty or cut off: it was never acknowledged."""
+    if folder.local is None:
+        return
+    entries = sorted((folder.local / "_delta_log").glob("[0-9]*.json"))
+    if not entries:
+        return
+    try:
+        lines = entries[-1].read_text().splitlines()
+        if lines and all(json.loads(line) for line in lines):
+            return
+    except ValueError:
+        pass
+    entries[-1].rename(entries[-1].with_suffix(".torn"))
+    sync(entries[-1].parent)

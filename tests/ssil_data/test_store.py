@@ -1,0 +1,184 @@
+"""The store keeps what it was given, shows it whole or not at all, and says what is wrong."""
+
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+import polars as pl
+import pyarrow.parquet as pq
+import pytest
+from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
+
+from ssil_data.dataset import Dataset
+from ssil_data.demonstrations import Episode
+from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
+from ssil_data.store import Store
+from ssil_data.tables import Table
+
+
+def local(dataset: Dataset) -> Path:
+    assert dataset.folder.local is not None
+    return dataset.folder.local
+
+
+def test_a_dataset_gives_back_what_it_was_given(dataset: Dataset):
+    given, pairs = drives(), dataset.pairs()
+    assert len(dataset) == len(pairs) == sum(map(len, given))
+    np.testing.assert_array_equal(pairs.states, np.concatenate([e.states for e in given]))
+    np.testing.assert_array_equal(pairs.actions, np.concatenate([e.actions for e in given]))
+    np.testing.assert_array_equal(pairs.step, np.concatenate([np.arange(len(e)) for e in given]))
+    described = dataset.episodes.to_pylist()
+    assert [row["score"] for row in described] == [e.score for e in given]
+    assert [row["tier"] for row in described] == [e.tier for e in given]
+    assert dataset.state_names == list(STATE_NAMES)
+    assert dataset.card == "# Drives"
+
+
+def test_batches_of_any_size_join_to_the_same_pairs(dataset: Dataset):
+    for rows in (1, 7, 10_000):
+        states = np.concatenate([batch.states for batch in dataset.batches(rows=rows)])
+        np.testing.assert_array_equal(states, dataset.pairs().states)
+
+
+def test_labeled_pairs_are_those_of_labeled_episodes(dataset: Dataset):
+    assert set(dataset.labeled().episode.tolist()) == {0, 1}
+    assert dataset.per_pair("labeled").sum() == len(dataset.labeled()) == 120
+
+
+def test_an_episode_is_read_alone(dataset: Dataset):
+    np.testing.assert_array_equal(dataset.episode(3).states, drives()[3].states)
+    with pytest.raises(NotFoundError, match="expected 0 to 10, found 11"):
+        dataset.episode(11)
+
+
+def test_rewards_and_positions_are_optional(store: Store):
+    plain, rich = (
+        drive(1, 5),
+        Episode(np.ones((4, 3)), np.ones((4, 2)), rewards=np.arange(4), positions=np.ones((4, 2))),
+    )
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    assert store.create("mixed", [plain, rich], **names).recorded("position") is None
+    recorded = store.create("rich", [rich], **names)
+    assert recorded.recorded("reward").tolist() == [0, 1, 2, 3]
+    assert recorded.recorded("position").shape == (4, 2)
+
+
+def test_any_delta_reader_opens_the_tables(dataset: Dataset):
+    frame = pl.read_delta(str(local(dataset) / "pairs"))
+    assert frame.height == len(dataset)
+    assert frame.schema["state"] == pl.List(pl.Float32)
+    files = str(local(dataset) / "pairs" / "*.parquet")
+    query = f"select count(*) from read_parquet('{files}') where len(state) = 3"
+    assert duckdb.connect().execute(query).fetchall() == [(len(dataset),)]
+
+
+def test_files_have_no_dictionary_for_numbers_and_a_page_checksum(dataset: Dataset):
+    (path,) = (local(dataset) / "pairs").glob("*.parquet")
+    group = pq.ParquetFile(path).metadata.row_group(0)
+    assert all(not group.column(i).has_dictionary_page for i in range(group.num_columns))
+    assert {group.column(i).compression for i in range(group.num_columns)} == {"ZSTD"}
+
+
+def test_appending_makes_a_version_and_keeps_the_earlier_one(dataset: Dataset):
+    newer = dataset.append([drive(99, 7)])
+    assert newer.version != dataset.version
+    assert len(newer) == len(dataset) + 7
+    assert newer.versions == [dataset.version, newer.version]
+    assert len(newer.at(dataset.version)) == len(dataset)
+    assert newer.episodes["episode"].to_pylist() == list(range(12))
+    with pytest.raises(NotFoundError, match="found 'abc'"):
+        newer.at("abc")
+
+
+def test_the_version_is_a_fingerprint_of_the_contents(store: Store):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    first = store.create("first", drives(), **names)
+    assert store.create("again", drives(), **names).version == first.version
+    assert store.create("other", drives()[:-1], **names).version != first.version
+
+
+def test_rows_of_an_append_that_was_killed_between_its_tables_are_never_read(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+):
+    append = Table.append
+
+    def killed(table: Table, *given: Any, **named: Any) -> None:
+        if table.folder.uri.endswith("episodes"):
+            raise KeyboardInterrupt
+        append(table, *given, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Table, "append", killed)
+        with pytest.raises(KeyboardInterrupt):
+            dataset.append([drive(99, 7)])
+    reopened = Dataset(dataset.folder)
+    assert reopened.version == dataset.version
+    assert len(reopened) == len(dataset)
+    assert len(reopened.append([drive(99, 7)])) == len(dataset) + 7
+
+
+def test_two_appends_from_one_snapshot_conflict(dataset: Dataset, monkeypatch: pytest.MonkeyPatch):
+    def episodes():
+        Dataset(dataset.folder).append([drive(98, 3)])
+        yield drive(99, 7)
+
+    with pytest.raises(ConflictError, match="another writer"):
+        dataset.append(episodes())
+    assert len(Dataset(dataset.folder)) == len(dataset) + 3
+
+
+def test_a_refused_dataset_leaves_nothing(store: Store, dataset: Dataset):
+    before = sorted(path for path in Path(store.folder.uri).rglob("*"))
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    with pytest.raises(ConflictError, match="found 'drives'"):
+        store.create("drives", drives(), **names)
+    with pytest.raises(InvalidInputError, match="expected width 3, found 2"):
+        store.create("narrow", [Episode(np.ones((4, 2)), np.ones((4, 2)))], **names)
+    with pytest.raises(InvalidInputError, match="expected at least one, found none"):
+        store.create("empty", [], **names)
+    with pytest.raises(InvalidInputError, match="expected width 3, found 2"):
+        dataset.append([Episode(np.ones((4, 2)), np.ones((4, 2)))])
+    assert sorted(Path(store.folder.uri).rglob("*")) == before
+    assert store.names() == ["drives"]
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", ".hidden", "x" * 101, "a\0b", "..", "a b"])
+def test_names_cannot_leave_the_store(store: Store, name: str):
+    with pytest.raises(InvalidInputError, match="dataset name"):
+        store[name]
+    with pytest.raises(InvalidInputError, match="dataset name"):
+        store.create(name, drives(), state_names=STATE_NAMES, action_names=ACTION_NAMES)
+
+
+def test_an_unknown_dataset_is_refused_with_the_known_ones(store: Store, dataset: Dataset):
+    with pytest.raises(NotFoundError, match=r"expected one of \[drives\] .* found 'other'"):
+        store["other"]
+
+
+def test_an_entry_that_a_power_cut_left_torn_is_set_aside(dataset: Dataset):
+    dataset.append([drive(99, 7)])
+    for torn in (b"", b'{"commitInfo": {"timest'):
+        entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+        entry.write_bytes(torn)
+        reopened = Dataset(dataset.folder)
+        assert reopened.version == dataset.version
+        assert not entry.exists()
+
+
+def test_every_flipped_bit_is_found(dataset: Dataset):
+    (path,) = (local(dataset) / "pairs").glob("*.parquet")
+    whole = path.read_bytes()
+    assert dataset.damaged() == []
+    for place in np.random.default_rng(0).integers(0, len(whole), 20):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1
+        path.write_bytes(flipped)
+        assert any(path.name in line for line in dataset.damaged())
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DamagedError, match=r"part-.*parquet"):
+        Dataset(dataset.folder).pairs()
+    path.unlink()
+    assert any("found no file" in line for line in dataset.damaged())
+    with pytest.raises(DamagedError, match="found none"):
+        Dataset(dataset.folder).pairs()

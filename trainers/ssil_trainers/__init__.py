@@ -1,0 +1,1 @@
+"""Environments, demonstration collection and training methods that stand on ssil_data."""

@@ -1,0 +1,5 @@
+"""Driving environments, registered with gymnasium; a simulator is imported when one is made."""
+
+import gymnasium
+
+gymnasium.register(id="SSILRacetrack-v0", entry_point="ssil_trainers.envs.racetrack:RacetrackEnv")
