@@ -1,1 +1,103 @@
-"""Which demonstrations can be trusted: leverage, LCoR and the store they live in."""
+"""Which demonstrations can be trusted: leverage, LCoR and the store they live in.
+
+    import ssil_data as sd
+
+    racetrack = sd.Store("datasets")["racetrack"]
+    run = sd.score(racetrack, sd.WindowVAE(), seed=0)
+    field = racetrack.field(run.run)
+    field.lcor(states).values
+
+Names are imported when they are first used, so that `import ssil_data` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ssil_data.dataset import Dataset
+    from ssil_data.demonstrations import Episode, Pairs
+    from ssil_data.errors import (
+        ConflictError,
+        DamagedError,
+        InvalidInputError,
+        NotFoundError,
+        SsilDataError,
+    )
+    from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
+    from ssil_data.field import LCoR, LeverageField
+    from ssil_data.leverage import Conformal, MinMax, Quantile
+    from ssil_data.quality import Quality, quality
+    from ssil_data.report import write_report
+    from ssil_data.runs import Run
+    from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
+    from ssil_data.store import Store
+
+_HOME = {
+    "Conformal": "leverage",
+    "ConflictError": "errors",
+    "DamagedError": "errors",
+    "Dataset": "dataset",
+    "Episode": "demonstrations",
+    "GPR": "estimators",
+    "InvalidInputError": "errors",
+    "LCoR": "field",
+    "LeverageField": "field",
+    "LeverageModel": "scoring",
+    "MDN": "estimators",
+    "MinMax": "leverage",
+    "NotFoundError": "errors",
+    "Pairs": "demonstrations",
+    "Quality": "quality",
+    "Quantile": "leverage",
+    "Recipe": "scoring",
+    "Run": "runs",
+    "SsilDataError": "errors",
+    "Store": "store",
+    "VAE": "estimators",
+    "WindowVAE": "estimators",
+    "preset": "scoring",
+    "quality": "quality",
+    "rescore": "scoring",
+    "score": "scoring",
+    "write_report": "report",
+}
+
+__all__ = [
+    "GPR",
+    "MDN",
+    "VAE",
+    "Conformal",
+    "ConflictError",
+    "DamagedError",
+    "Dataset",
+    "Episode",
+    "InvalidInputError",
+    "LCoR",
+    "LeverageField",
+    "LeverageModel",
+    "MinMax",
+    "NotFoundError",
+    "Pairs",
+    "Quality",
+    "Quantile",
+    "Recipe",
+    "Run",
+    "SsilDataError",
+    "Store",
+    "WindowVAE",
+    "preset",
+    "quality",
+    "rescore",
+    "score",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -37,19 +37,24 @@ class Standardiser:
 
     @classmethod
     def of(cls, values: NDArray[np.floating]) -> Standardiser:
-        """Take the mean and deviation of `values` (n, d); a constant dimension gets scale 1.
+        """Take the mean and deviation of `values` (n, d), one row at least."""
+        if values.ndim != 2 or not len(values):
+            raise InvalidInputError(f"values: expected at least one row, found {values.shape}")
+        exact = np.asarray(values, dtype=np.float64)
+        return cls.of_moments(exact.mean(axis=0), exact.var(axis=0))
+
+    @classmethod
+    def of_moments(cls, mean: NDArray[np.float64], variance: NDArray[np.float64]) -> Standardiser:
+        """Take mean (d,) and variance (d,); a constant dimension gets scale 1.
 
         Constant means a deviation that float32 rounding alone could cause: a column 1000.0 with a
         stray last bit must not be blown up to deviations.
         """
-        if values.ndim != 2 or not len(values):
-            raise InvalidInputError(f"values: expected at least one row, found {values.shape}")
-        exact = np.asarray(values, dtype=np.float64)
-        deviation = exact.std(axis=0)
-        rounding = np.finfo(np.float32).eps * np.abs(exact).max(axis=0)
-        constant = deviation <= np.maximum(rounding, np.finfo(np.float32).tiny)
+        limits = np.finfo(np.float32)
+        deviation = np.sqrt(variance)
+        constant = deviation <= np.maximum(limits.eps * np.abs(mean), limits.tiny)
         return cls(
-            shift=exact.mean(axis=0).astype(np.float32),
+            shift=mean.astype(np.float32),
             scale=np.where(constant, 1, deviation).astype(np.float32),
         )
 

@@ -16,8 +16,6 @@ from ssil_data.kernels import Moments, checked_alpha, cor, lcor_sums, log_kernel
 ALPHA_RANGE = (1e-2, 1e4)
 """Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
 
-_FAR = np.float64(1e30)
-
 
 @dataclass(frozen=True, eq=False)
 class Contributors:
@@ -107,9 +105,7 @@ class LeverageField:
         )
 
     def _standardised(self, states: ArrayLike) -> NDArray[np.float32]:
-        raw = finite_matrix("states", states, width=self.states.shape[1]).astype(np.float64)
-        far = (raw - self.standardiser.shift) / self.standardiser.scale
-        return np.clip(far, -_FAR, _FAR).astype(np.float32)
+        return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))
 
 
 def auto_alpha(standardised: NDArray[np.float32], *, share: float = 0.1, seed: int = 0) -> float:

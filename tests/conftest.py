@@ -1,4 +1,4 @@
-"""Demonstrations for every test: small ones made here, real ones by others where they are present."""
+"""Demonstrations for every test: small ones made here, real ones where they are present."""
 
 from pathlib import Path
 

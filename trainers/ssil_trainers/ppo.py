@@ -85,9 +85,7 @@ def train(
 class _Keeper(BaseCallback):
     """Keeps a checkpoint at the start of a rollout, when the last update is done."""
 
-    def __init__(
-        self, settings: PPOSettings, run: int, progress: Callable[[int], None]
-    ) -> None:
+    def __init__(self, settings: PPOSettings, run: int, progress: Callable[[int], None]) -> None:
         super().__init__()
         self.kept: list[Checkpoint] = []
         self._settings, self._run, self._progress = settings, run, progress

@@ -1,0 +1,109 @@
+"""What an estimator is: settings that fit, and the fitted thing that says how strange pairs are."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.demonstrations import Pairs
+from ssil_data.errors import InvalidInputError
+
+BLOCK = 512
+"""Rows in flight at once: their intermediate results stay in the processor's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How strange n pairs are: `total` (n,) float32, larger = stranger, and its named parts (n,).
+
+    Parts are named among aleatoric and epistemic.
+    """
+
+    total: NDArray[np.float32]
+    parts: Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """Settings of an estimator; every number among them is positive."""
+
+    kind: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Validate every setting against the type of its default."""
+        for field in fields(self):
+            value = _checked(f"{self.kind}: {field.name}", getattr(self, field.name), field.default)
+            object.__setattr__(self, field.name, value)
+
+    @abstractmethod
+    def fit(self, labeled: Pairs, *, seed: int) -> Fitted:
+        """Fit to labeled pairs, two at least; same seed, same machine, same result.
+
+        Raises InvalidInputError.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted(ABC):
+    """A fitted estimator: plain arrays and formulas, made for states and actions of two widths."""
+
+    settings: Estimator
+    state_width: int
+    action_width: int
+
+    @property
+    def margin(self) -> int:
+        """Neighbouring rows of the same episode that a batch needs on either side."""
+        return 0
+
+    def uncertainty(self, pairs: Pairs) -> Uncertainty:
+        """Return the uncertainty of each pair; raises InvalidInputError on another width."""
+        for name, width in (("state", self.state_width), ("action", self.action_width)):
+            found = getattr(pairs, f"{name}s").shape[1]
+            if found != width:
+                raise InvalidInputError(
+                    f"{name} width: expected {width} as fitted, found {found} in the pairs"
+                )
+        return self._uncertainty(pairs)
+
+    @abstractmethod
+    def _uncertainty(self, pairs: Pairs) -> Uncertainty: ...
+
+    def shares(self, pairs: Pairs) -> NDArray[np.float32] | None:
+        """Return each state dimension's share of the uncertainty (n, d), rows sum to 1, or None."""
+        return None
+
+    @abstractmethod
+    def tensors(self) -> dict[str, NDArray]:
+        """Return the arrays that, with the settings and widths, make this estimator again."""
+
+
+def labeled_enough(labeled: Pairs) -> None:
+    """Raise InvalidInputError if there is nothing to fit to."""
+    if len(labeled) < 2:
+        raise InvalidInputError(f"labeled: expected at least 2 pairs, found {len(labeled)}")
+
+
+def in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
+    """Apply a row-wise formula to `BLOCK` rows at a time of arrays with n rows each."""
+    starts = range(0, max(1, len(arrays[0])), BLOCK)
+    return np.concatenate([formula(*(a[i : i + BLOCK] for a in arrays)) for i in starts])
+
+
+def _checked(name: str, value: object, default: object) -> int | float:
+    """Return `value` in the type of `default`: a truth value, a count or a positive number."""
+    if isinstance(default, bool):
+        if isinstance(value, bool):
+            return value
+        raise InvalidInputError(f"{name}: expected true or false, found {value!r}")
+    number = isinstance(value, int if isinstance(default, int) else int | float)
+    if isinstance(value, bool) or not number or not math.isfinite(value) or value <= 0:
+        kind = "whole number" if isinstance(default, int) else "finite number"
+        raise InvalidInputError(f"{name}: expected a {kind} > 0, found {value!r}")
+    return type(default)(value)

@@ -1,0 +1,1 @@
+"""Where torch lives: imported by `fit` alone, so that settings and scoring never wait for it."""

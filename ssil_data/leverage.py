@@ -1,0 +1,217 @@
+"""Scales: from uncertainty to leverage in [0, 1]; they know numbers only, no estimator, no files.
+
+The paper contradicts itself here. Its equation
+
+    l_j = (r_j - r_min) / (r_max - r_min)
+
+gives the *largest* error leverage 1; its Algorithm 1 and its prose give it to the smallest.
+Algorithm 1 holds: leverage 1 is expert-like, l_j = (r_max - r_j) / (r_max - r_min), and a larger
+uncertainty never gets a larger leverage.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssil_data.errors import InvalidInputError
+
+_Kind = TypeVar("_Kind")
+
+
+class Scale(ABC):
+    """Settings of a scale; `fit` makes the scale."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def fit(
+        self,
+        pool_uncertainty: ArrayLike,
+        held_out_labeled_uncertainty: ArrayLike | None = None,
+    ) -> FittedScale:
+        """Fit to the uncertainty of all pairs (n,) and of labeled pairs held out from the fit (m,).
+
+        Raises InvalidInputError where nothing, or something not finite, is given.
+        """
+
+
+class FittedScale(ABC):
+    """A scale as a value: kept with a run and used unchanged for pairs that arrive later."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
+        """Return the leverage (n,) in [0, 1] of `uncertainty` (n,), which may not be NaN."""
+
+
+@dataclass(frozen=True)
+class MinMax(Scale):
+    """Algorithm 1 of the paper: the whole range of the pool, at the mercy of one outlier."""
+
+    kind: ClassVar[str] = "minmax"
+
+    def fit(
+        self,
+        pool_uncertainty: ArrayLike,
+        held_out_labeled_uncertainty: ArrayLike | None = None,
+    ) -> Ramp:
+        """Run from the pool's least uncertainty to its largest."""
+        pool = _finite("pool uncertainty", pool_uncertainty)
+        return Ramp(low=float(pool.min()), high=float(pool.max()))
+
+
+@dataclass(frozen=True)
+class Quantile(Scale):
+    """Min–max between two quantiles of the pool, clipped: outliers cost nothing."""
+
+    kind: ClassVar[str] = "quantile"
+    low: float = 0.05
+    high: float = 0.95
+
+    def __post_init__(self) -> None:
+        """Validate 0 ≤ low < high ≤ 1."""
+        if not 0 <= self.low < self.high <= 1:
+            raise InvalidInputError(
+                f"quantile: expected 0 <= low < high <= 1, found low {self.low}, high {self.high}"
+            )
+
+    def fit(
+        self,
+        pool_uncertainty: ArrayLike,
+        held_out_labeled_uncertainty: ArrayLike | None = None,
+    ) -> Ramp:
+        """Run from the pool's low quantile to its high one."""
+        pool = _finite("pool uncertainty", pool_uncertainty)
+        low, high = np.quantile(pool, [self.low, self.high])
+        return Ramp(low=float(low), high=float(high))
+
+
+@dataclass(frozen=True)
+class Conformal(Scale):
+    """Conformal p-value: comparable between estimators and datasets.
+
+    `held_out` is the share of labeled pairs that the estimator is not fitted on.
+    """
+
+    kind: ClassVar[str] = "conformal"
+    held_out: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Validate 0 < held_out < 1."""
+        if not 0 < self.held_out < 1:
+            raise InvalidInputError(f"held_out: expected 0 < share < 1, found {self.held_out}")
+
+    def fit(
+        self,
+        pool_uncertainty: ArrayLike,
+        held_out_labeled_uncertainty: ArrayLike | None = None,
+    ) -> Rank:
+        """Keep the sorted uncertainty of the held-out labeled pairs."""
+        if held_out_labeled_uncertainty is None:
+            raise InvalidInputError("conformal: expected held-out labeled uncertainty, found none")
+        residuals = _finite("held-out labeled uncertainty", held_out_labeled_uncertainty)
+        return Rank(tuple(np.sort(residuals).tolist()))
+
+
+@dataclass(frozen=True)
+class Ramp(FittedScale):
+    """(high - r) / (high - low), clipped; with low == high, 1 up to it and 0 beyond it."""
+
+    kind: ClassVar[str] = "ramp"
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        """Validate finite ends in order."""
+        if not (np.isfinite(self.high - self.low) and self.low <= self.high):
+            raise InvalidInputError(
+                f"ramp: expected finite low <= high, found low {self.low}, high {self.high}"
+            )
+
+    def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
+        """Return the leverage (n,)."""
+        r = _ordered(uncertainty)
+        if self.low == self.high:
+            return (r <= self.low).astype(np.float32)
+        return np.clip((self.high - r) / (self.high - self.low), 0, 1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Rank(FittedScale):
+    """Share of the sorted `residuals` that are at least as large."""
+
+    kind: ClassVar[str] = "rank"
+    residuals: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Validate and keep the residuals as a sorted tuple of floats."""
+        residuals = _finite("residuals", self.residuals)
+        object.__setattr__(self, "residuals", tuple(np.sort(residuals).tolist()))
+
+    def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
+        """Return the leverage (n,)."""
+        smaller = np.searchsorted(self.residuals, _ordered(uncertainty), side="left")
+        return (1 - smaller / len(self.residuals)).astype(np.float32)
+
+
+SCALES: dict[str, type[Scale]] = {scale.kind: scale for scale in (MinMax, Quantile, Conformal)}
+"""Every scale by its kind."""
+
+FITTED: dict[str, type[FittedScale]] = {scale.kind: scale for scale in (Ramp, Rank)}
+"""Every fitted scale by its kind."""
+
+
+def to_json(scale: Scale | FittedScale) -> dict[str, Any]:
+    """Return settings or a fitted scale as a JSON object with its `kind`."""
+    values = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in asdict(scale).items()  # pyright: ignore[reportArgumentType]
+    }
+    return {"kind": scale.kind, **values}
+
+
+def from_json(json: Mapping[str, Any]) -> FittedScale:
+    """Read a fitted scale from `to_json`'s object; raises InvalidInputError."""
+    return _built("fitted scale", FITTED, json)
+
+
+def settings_from_json(json: Mapping[str, Any]) -> Scale:
+    """Read a scale's settings from `to_json`'s object; raises InvalidInputError."""
+    return _built("scale", SCALES, json)
+
+
+def _built(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
+    values = dict(json)
+    kind = values.pop("kind", None)
+    if kind not in kinds:
+        raise InvalidInputError(f"{name}: expected a kind of {sorted(kinds)}, found {kind!r}")
+    try:
+        return kinds[kind](**values)
+    except TypeError as error:
+        raise InvalidInputError(f"{name} {kind!r}: {error}") from None
+
+
+def _ordered(values: ArrayLike) -> NDArray[np.float64]:
+    numbers = np.asarray(values, dtype=np.float64)
+    if numbers.ndim != 1 or np.isnan(numbers).any():
+        raise InvalidInputError(
+            f"uncertainty: expected one number per pair, none NaN, found shape {numbers.shape}"
+        )
+    return numbers
+
+
+def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    numbers = np.asarray(values, dtype=np.float64)
+    if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
+        raise InvalidInputError(
+            f"{name}: expected one finite number or more, found shape {numbers.shape} "
+            f"with {np.count_nonzero(~np.isfinite(numbers))} not finite"
+        )
+    return numbers

@@ -1,0 +1,67 @@
+"""Ranks and tiers are judged as other libraries and hand-made cases judge them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from sklearn.metrics import roc_auc_score
+
+from ssil_data.dataset import Dataset
+from ssil_data.quality import auroc, partial_spearman, quality, spearman
+
+values = st.lists(st.integers(0, 20), min_size=3, max_size=60)
+
+
+@given(values, values)
+def test_auroc_is_scikit_learns(high: list[int], low: list[int]):
+    truth = [1] * len(high) + [0] * len(low)
+    assert auroc(high, low) == pytest.approx(roc_auc_score(truth, high + low))
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=3, max_size=60))
+def test_spearman_is_scipys(pairs: list[tuple[int, int]]):
+    left, right = map(list, zip(*pairs, strict=True))
+    if len(set(left)) > 1 and len(set(right)) > 1:
+        assert spearman(left, right) == pytest.approx(stats.spearmanr(left, right).statistic)
+    else:
+        assert spearman(left, right) is None
+
+
+def test_partial_spearman_removes_what_length_explains():
+    rng = np.random.default_rng(0)
+    length = rng.normal(size=4000)
+    score, leverage = length + rng.normal(size=4000), length + rng.normal(size=4000)
+    assert spearman(leverage, score) > 0.4
+    assert abs(partial_spearman(leverage, score, length)) < 0.05
+    direct = score + 0.1 * rng.normal(size=4000)
+    assert partial_spearman(direct, score, length) > 0.9
+
+
+def test_tiers_are_ordered_and_averaged_over_unlabeled_pairs(dataset: Dataset):
+    tier = dataset.per_pair("tier")
+    leverage = np.select([tier == "0-25", tier == "50-75"], [0.1, 0.5], 0.8).astype(np.float32)
+    leverage[dataset.per_pair("labeled").astype(bool)] = 0.0
+    judged = quality(dataset, leverage)
+    assert list(judged.mean_leverage_by_tier) == ["0-25", "50-75", "expert"]
+    assert list(judged.mean_leverage_by_tier.values()) == pytest.approx([0.1, 0.5, 0.8])
+    assert judged.auroc == judged.auroc_length_matched == 1.0
+    assert judged.spearman is not None
+    assert judged.spearman > 0.9
+
+
+def test_length_matching_is_not_fooled_by_leverage_that_grows_with_time(dataset: Dataset):
+    leverage = dataset.pairs().step.astype(np.float32)
+    judged = quality(dataset, leverage)
+    assert judged.auroc is not None
+    assert judged.auroc > 0.7
+    assert judged.auroc_length_matched == pytest.approx(0.5)
+
+
+def test_a_dataset_without_tiers_and_scores_has_no_quality(store):
+    from conftest import ACTION_NAMES, STATE_NAMES, drive
+
+    plain = store.create("plain", [drive(0, 9)], state_names=STATE_NAMES, action_names=ACTION_NAMES)
+    judged = quality(plain, np.ones(9, np.float32))
+    assert judged.mean_leverage_by_tier == {}
+    assert (judged.auroc, judged.spearman, judged.auroc_length_matched) == (None, None, None)
