@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib.metadata import version
+from typing import NoReturn
 
 from cyclopts import App, CycloptsError
 
-from ssil_data.errors import SsilDataError
+from ssil_data.errors import InvalidInputError, SsilDataError
 
 app = App(
     name="ssil-data",
@@ -34,26 +36,39 @@ app.command(
 )
 
 
-def main() -> None:
-    """Run the command line.
+def main(words: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line, or the words of one.
 
     Exit status: 0 fine, 1 a check found something, 2 the caller's mistake.
     """
+    words = sys.argv[1:] if words is None else list(words)
     try:
-        app(exit_on_error=False)
+        _check_command(words)
+        status = app(words, exit_on_error=False, result_action="return_value")
     except CycloptsError:
         raise SystemExit(2) from None
     except SsilDataError as error:
-        print(f"ssil-data: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0].startswith("ssil"):
+        raise _refusal(str(error)) from None
+    except ImportError as error:
+        missing = error.__cause__ or error
+        if not isinstance(missing, ModuleNotFoundError):
             raise
-        print(
-            f"ssil-data: expected the package {error.name!r}, found it missing; "
-            "install ssil-data[all]",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
+        raise _refusal(
+            f"{words[0]}: expected the package {missing.name!r}, found none; "
+            "pip install 'ssil-data[all]'"
+        ) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+    raise SystemExit(status or 0)
+
+
+def _check_command(words: Sequence[str]) -> None:
+    """Refuse an unknown command before the parser imports every command to explain it."""
+    commands = [name for name in app if not name.startswith("-")]
+    if words and not words[0].startswith("-") and words[0] not in commands:
+        raise InvalidInputError(f"command: expected one of {commands}, found {words[0]!r}")
+
+
+def _refusal(message: str) -> SystemExit:
+    print(f"ssil-data: {message}", file=sys.stderr)
+    return SystemExit(2)

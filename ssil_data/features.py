@@ -58,6 +58,11 @@ class Standardiser:
             scale=np.where(constant, 1, deviation).astype(np.float32),
         )
 
+    @property
+    def width(self) -> int:
+        """Return the number of dimensions."""
+        return len(self.shift)
+
     def __call__(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         """Standardise `values` (n, d) to float32, clipped to ±`FARTHEST`."""
         if values.ndim != 2 or values.shape[1] != len(self.shift):

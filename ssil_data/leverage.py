@@ -190,11 +190,11 @@ def settings_from_json(json: Mapping[str, Any]) -> Scale:
 def _built(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
     values = dict(json)
     kind = values.pop("kind", None)
-    if kind not in kinds:
+    if kind not in tuple(kinds):
         raise InvalidInputError(f"{name}: expected a kind of {sorted(kinds)}, found {kind!r}")
     try:
         return kinds[kind](**values)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise InvalidInputError(f"{name} {kind!r}: {error}") from None
 
 

@@ -64,24 +64,26 @@ class Fitted(ABC):
 
     def uncertainty(self, pairs: Pairs) -> Uncertainty:
         """Return the uncertainty of each pair; raises InvalidInputError on another width."""
-        for name, width in (("state", self.state_width), ("action", self.action_width)):
-            found = getattr(pairs, f"{name}s").shape[1]
-            if found != width:
-                raise InvalidInputError(
-                    f"{name} width: expected {width} as fitted, found {found} in the pairs"
-                )
+        self.refuse_other_widths(pairs)
         return self._uncertainty(pairs)
 
     @abstractmethod
     def _uncertainty(self, pairs: Pairs) -> Uncertainty: ...
 
     def shares(self, pairs: Pairs) -> NDArray[np.float32] | None:
-        """Return each state dimension's share of the uncertainty (n, d), rows sum to 1, or None."""
+        """Return each state dimension's share of the uncertainty (n, d), or None; rows sum to 1."""
         return None
 
-    @abstractmethod
-    def tensors(self) -> dict[str, NDArray]:
-        """Return the arrays that, with the settings and widths, make this estimator again."""
+    def refuse_other_widths(self, pairs: Pairs) -> None:
+        """Raise InvalidInputError, naming both sides, if the pairs are not as wide as fitted."""
+        expect("state width", pairs.states.shape[1], self.state_width)
+        expect("action width", pairs.actions.shape[1], self.action_width)
+
+
+def expect(name: str, found: object, expected: object) -> None:
+    """Raise InvalidInputError naming both sides if they differ."""
+    if found != expected:
+        raise InvalidInputError(f"{name}: expected {expected}, found {found}")
 
 
 def labeled_enough(labeled: Pairs) -> None:
@@ -96,14 +98,15 @@ def in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
     return np.concatenate([formula(*(a[i : i + BLOCK] for a in arrays)) for i in starts])
 
 
-def _checked(name: str, value: object, default: object) -> int | float:
+def _checked(name: str, value: object, default: object) -> float:
     """Return `value` in the type of `default`: a truth value, a count or a positive number."""
     if isinstance(default, bool):
         if isinstance(value, bool):
             return value
         raise InvalidInputError(f"{name}: expected true or false, found {value!r}")
-    number = isinstance(value, int if isinstance(default, int) else int | float)
-    if isinstance(value, bool) or not number or not math.isfinite(value) or value <= 0:
-        kind = "whole number" if isinstance(default, int) else "finite number"
-        raise InvalidInputError(f"{name}: expected a {kind} > 0, found {value!r}")
-    return type(default)(value)
+    whole = isinstance(default, int)
+    number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if not number or not 0 < value < math.inf:
+        kind = "whole" if whole else "finite"
+        raise InvalidInputError(f"{name}: expected a {kind} number > 0, found {value!r}")
+    return value if whole else float(value)

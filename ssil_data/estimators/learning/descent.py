@@ -33,8 +33,10 @@ def network(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
 
 def perceptron(learned: nn.Sequential) -> Perceptron:
     """Return the arrays of a `network`."""
-    inner, _, outer = learned
-    return Perceptron(_array(inner.weight), _array(inner.bias), _array(outer.weight), _array(outer.bias))
+    inner, inner_bias, outer, outer_bias = (
+        np.ascontiguousarray(parameter.detach().numpy().T) for parameter in learned.parameters()
+    )
+    return Perceptron(inner, inner_bias, outer, outer_bias)
 
 
 def descend(
@@ -59,7 +61,3 @@ def descend(
         loss(*(tensor[rows] for tensor in tensors)).backward()
         optimiser.step()
         schedule.step()
-
-
-def _array(parameter: Tensor) -> NDArray[np.float32]:
-    return np.ascontiguousarray(parameter.detach().numpy().T)

@@ -28,7 +28,8 @@ class Road:
 
     number: highway-env's lane index → row; length (n,) metres; curvature (n,) 1/m, positive where
     the heading grows; axis_offset (n,) metres from the road's centre line to the lane's, positive
-    to the right; following (n,) the row of the lane that continues this one.
+    to the right; half_width (n,) metres of the road, all lanes together; following (n,) the row of
+    the lane that continues this one.
     segments (m, 4): x, y of the start, x, y of the end. arcs (k, 5): x, y of the centre, radius,
     phase of the middle, half of the opening angle.
     """
@@ -37,6 +38,7 @@ class Road:
     length: NDArray[np.float64]
     curvature: NDArray[np.float64]
     axis_offset: NDArray[np.float64]
+    half_width: NDArray[np.float64]
     following: NDArray[np.int64]
     segments: NDArray[np.float64]
     arcs: NDArray[np.float64]
@@ -53,6 +55,7 @@ class Road:
             length=np.array([lane.length for lane in lanes], dtype=np.float64),
             curvature=np.array([_curvature(lane) for lane in lanes]),
             axis_offset=np.array([_axis_offset(network, index) for index in indices]),
+            half_width=np.array([_half_width(network, index) for index in indices]),
             following=np.array([number[_following(network, index)] for index in indices]),
             segments=np.array(segments, dtype=np.float64).reshape(-1, 4),
             arcs=np.array(arcs, dtype=np.float64).reshape(-1, 5),
@@ -132,6 +135,11 @@ def _axis_offset(network: RoadNetwork, index: LaneIndex) -> float:
     origin, target, lane = index
     parallel = network.graph[origin][target]
     return (lane - (len(parallel) - 1) / 2) * parallel[lane].width_at(0.0)
+
+
+def _half_width(network: RoadNetwork, index: LaneIndex) -> float:
+    origin, target, _ = index
+    return sum(lane.width_at(0.0) for lane in network.graph[origin][target]) / 2
 
 
 def _edges(sections: list[list[AbstractLane]]) -> tuple[list[Any], list[Any]]:

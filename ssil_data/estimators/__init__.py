@@ -1,0 +1,22 @@
+"""Estimators of uncertainty: fitted on labeled pairs, they say how strange any pair is."""
+
+from ssil_data.estimators.archive import ESTIMATORS, dump, from_json, load, to_json
+from ssil_data.estimators.base import Estimator, Fitted, Uncertainty
+from ssil_data.estimators.gpr import GPR
+from ssil_data.estimators.mdn import MDN
+from ssil_data.estimators.vae import VAE, WindowVAE
+
+__all__ = [
+    "ESTIMATORS",
+    "GPR",
+    "MDN",
+    "VAE",
+    "Estimator",
+    "Fitted",
+    "Uncertainty",
+    "WindowVAE",
+    "dump",
+    "from_json",
+    "load",
+    "to_json",
+]

@@ -1,0 +1,119 @@
+"""Every kind of estimator, its settings as JSON, and the bytes that a fitted one is kept in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
+
+from ssil_data.errors import DamagedError, InvalidInputError
+from ssil_data.estimators.base import Estimator, Fitted
+from ssil_data.estimators.gpr import GPR, FittedGPR
+from ssil_data.estimators.mdn import MDN, FittedMDN
+from ssil_data.estimators.vae import VAE, FittedAutoencoder, WindowVAE
+
+ESTIMATORS: dict[str, type[Estimator]] = {each.kind: each for each in (VAE, WindowVAE, MDN, GPR)}
+"""Every estimator by its kind."""
+
+_FITTED: dict[str, type[Fitted]] = {
+    VAE.kind: FittedAutoencoder,
+    WindowVAE.kind: FittedAutoencoder,
+    MDN.kind: FittedMDN,
+    GPR.kind: FittedGPR,
+}
+_PLAIN = [field.name for field in fields(Fitted)]
+_METADATA = "estimator"
+
+
+def to_json(estimator: Estimator) -> dict[str, Any]:
+    """Return settings as a JSON object with their `kind`."""
+    return {"kind": estimator.kind, **asdict(estimator)}
+
+
+def from_json(settings: Mapping[str, Any]) -> Estimator:
+    """Read settings from `to_json`'s object; absent keys take their defaults.
+
+    Raises InvalidInputError on an unknown kind or key and on a value that does not fit.
+    """
+    values = dict(settings)
+    kind = values.pop("kind", None)
+    if kind not in tuple(ESTIMATORS):
+        raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
+    known = {field.name for field in fields(ESTIMATORS[kind])}
+    if unknown := sorted(set(values) - known):
+        raise InvalidInputError(f"{kind}: expected keys of {sorted(known)}, found {unknown}")
+    return ESTIMATORS[kind](**values)
+
+
+def dump(fitted: Fitted) -> bytes:
+    """Return a fitted estimator as safetensors; settings and widths are JSON in its metadata."""
+    description = {
+        "settings": to_json(fitted.settings),
+        "state_width": fitted.state_width,
+        "action_width": fitted.action_width,
+    }
+    metadata = {_METADATA: json.dumps(description, sort_keys=True)}
+    return save_tensors(_flat(fitted), metadata=metadata)
+
+
+def load(data: bytes) -> Fitted:
+    """Read `dump`'s bytes; nothing in them is executed.
+
+    Raises DamagedError where bytes are missing or changed, InvalidInputError where the settings
+    are of a kind, or have a key, that this version does not know.
+    """
+    try:
+        tensors = load_tensors(data)
+        description = json.loads(_metadata(data)[_METADATA])
+        settings = description["settings"]
+    except (SafetensorError, ValueError, LookupError, TypeError) as error:
+        raise DamagedError(f"estimator: expected safetensors as dumped, found {error}") from None
+    settings = from_json(settings)
+    for name, tensor in tensors.items():
+        if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+            raise DamagedError(f"estimator: expected finite float32 in {name}, found otherwise")
+    try:
+        widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
+        parts = _parts(_FITTED[settings.kind], tensors)
+        return _FITTED[settings.kind](settings=settings, **widths, **parts)
+    except (LookupError, TypeError, ValueError) as error:
+        raise DamagedError(f"{settings.kind}: expected arrays that fit, found {error}") from None
+
+
+def _metadata(data: bytes) -> dict[str, str]:
+    """Read the header, which `load_tensors` has checked but does not give back."""
+    length = int.from_bytes(data[:8], "little")
+    return json.loads(data[8 : 8 + length])["__metadata__"]
+
+
+def _flat(part: Any) -> dict[str, NDArray]:
+    """Name the arrays of a dataclass whose fields are arrays or dataclasses of arrays."""
+    if isinstance(part, np.ndarray):
+        return {"": np.ascontiguousarray(part)}
+    names = [field.name for field in fields(part) if field.name not in _PLAIN]
+    return {
+        f"{name}.{inner}".rstrip("."): array
+        for name in names
+        for inner, array in _flat(getattr(part, name)).items()
+    }
+
+
+def _parts(kind: type, tensors: Mapping[str, NDArray]) -> dict[str, Any]:
+    """Undo `_flat` for the fields of a dataclass."""
+    hints = get_type_hints(kind)
+    parts: dict[str, Any] = {}
+    for name in (field.name for field in fields(kind) if field.name not in _PLAIN):
+        inside = {
+            inner.removeprefix(f"{name}."): array
+            for inner, array in tensors.items()
+            if inner.startswith(f"{name}.")
+        }
+        parts[name] = hints[name](**_parts(hints[name], inside)) if inside else tensors[name]
+    return parts

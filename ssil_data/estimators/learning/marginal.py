@@ -1,0 +1,66 @@
+"""Learning the kernel of a Gaussian process by its marginal likelihood, with gpytorch."""
+
+from __future__ import annotations
+
+import math
+
+import gpytorch
+import numpy as np
+import torch
+from gpytorch.constraints import GreaterThan
+from gpytorch.distributions import MultivariateNormal
+from gpytorch.kernels import RBFKernel, ScaleKernel
+from gpytorch.likelihoods import GaussianLikelihood
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ssil_data.estimators.gpr import GPR, Kernel
+from ssil_data.estimators.learning.descent import reproducible
+
+
+class _Process(gpytorch.models.ExactGP):
+    """One zero-mean process per action dimension under an ARD RBF kernel."""
+
+    def __init__(self, x: Tensor, y: Tensor, likelihood: GaussianLikelihood) -> None:
+        super().__init__(x, y, likelihood)
+        each = y.shape[:1]
+        self.rbf = RBFKernel(ard_num_dims=x.shape[1], batch_shape=each)
+        self.rbf.initialize(lengthscale=math.sqrt(x.shape[1]))
+        self.kernel = ScaleKernel(self.rbf, batch_shape=each)
+
+    def forward(self, x: Tensor) -> MultivariateNormal:
+        covariance = self.kernel(x)
+        return MultivariateNormal(x.new_zeros(covariance.shape[:-1]), covariance)
+
+
+def learn(states: NDArray[np.float32], actions: NDArray[np.float32], settings: GPR) -> Kernel:
+    """Maximise the marginal likelihood of standardised pairs over the kernel, by L-BFGS.
+
+    Exact, so n³ a step; in float64, where a Cholesky factor of close neighbours survives.
+    """
+    x, y = torch.from_numpy(states).double(), torch.from_numpy(actions).double().T.contiguous()
+    floor = GreaterThan(settings.noise_floor)
+    likelihood = GaussianLikelihood(noise_constraint=floor, batch_shape=y.shape[:1])
+    process = _Process(x, y, likelihood).double()
+    evidence = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, process)
+    descent = torch.optim.LBFGS(
+        process.parameters(), max_iter=settings.steps, line_search_fn="strong_wolfe"
+    )
+
+    def loss() -> Tensor:
+        descent.zero_grad()
+        surprisal = -evidence.forward(process(x), y).sum()
+        surprisal.backward()
+        return surprisal
+
+    with (
+        reproducible(seed=0),
+        gpytorch.settings.fast_computations(False, False, False),
+        gpytorch.settings.max_cholesky_size(len(x) + 1),
+    ):
+        descent.step(loss)
+    return Kernel(
+        lengthscale=process.rbf.lengthscale.detach().squeeze(1).float().numpy(),
+        signal=process.kernel.outputscale.detach().float().numpy(),
+        noise=likelihood.noise.detach().squeeze(1).float().numpy(),
+    )

@@ -1,0 +1,198 @@
+"""The charts as Vega-Lite specs: one spec serves the page, PNG and the web; it knows no store.
+
+Names that users gave to runs, tiers and sources are data, never fields or expressions: runs are
+fields r0, r1, …, and the parameter `run` says which is shown. Leverage is in whole percent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import altair as alt
+
+from ssil_data.report.bins import Grid, Rows, Strips
+from ssil_data.report.look import (
+    WIDTH,
+    Spec,
+    choice,
+    finished,
+    leverage_colour,
+    run_title,
+    title,
+)
+
+
+def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
+    """Draw a column for each run, a row for each group; rows: run, group, low, high, share."""
+    across = min(len(runs), 6)
+    width = min(240, (WIDTH - 140) // across - 14)
+    parts = [runs[first : first + across] for first in range(0, len(runs), across)]
+    bars = (
+        alt.Chart()
+        .mark_bar(binSpacing=0.5)
+        .encode(
+            x=alt.X("low:Q", bin="binned", title="Leverage", axis=alt.Axis(values=[0, 0.5, 1])),
+            x2="high:Q",
+            y=alt.Y(
+                "share:Q",
+                title=None,
+                scale=alt.Scale(type="sqrt", nice=False),
+                axis=alt.Axis(values=[0, 5, 20, 50, 100]),
+            ),
+            color=leverage_colour("middle:Q", legend=False),
+            tooltip=[
+                alt.Tooltip("run:N", title="Run"),
+                alt.Tooltip("group:N", title="Group"),
+                alt.Tooltip("low:Q", title="Leverage from", format=".2f"),
+                alt.Tooltip("high:Q", title="to", format=".2f"),
+                alt.Tooltip("share:Q", title="% of the group's pairs", format=".1f"),
+            ],
+        )
+        .properties(width=width, height=60)
+    )
+    grids = [
+        bars.transform_filter(alt.FieldOneOfPredicate("run", list(part))).facet(
+            data=alt.NamedData("histograms"),
+            column=alt.Column("run:N", sort=list(part), title=None, header=_header(width)),
+            row=alt.Row(
+                "group:N", sort=list(groups), title="Share of pairs, %", header=_row_header()
+            ),
+            spacing={"row": 8, "column": 14},
+        )
+        for part in parts
+    ]
+    chart = alt.vconcat(*grids, title=title("Leverage by quality tier and run"))
+    return finished(chart, {"histograms": rows})
+
+
+def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
+    """Draw episodes as strips of leverage over time, under the run that is shown."""
+    width = strips.columns * strips.column
+    steps = strips.steps
+    y = alt.Scale(domain=[0, strips.height], range=[0, strips.height], nice=False)
+    cells = (
+        alt.Chart(alt.NamedData("strips"))
+        .transform_flatten(["b", *names])
+        .transform_calculate(
+            leverage="datum[run] / 100",
+            first=f"datum.b * {steps}",
+            end=f"(datum.b + 1) * {steps}",
+        )
+        .mark_rect()
+        .encode(
+            x=alt.X(
+                "first:Q",
+                title="Step of the episode",
+                scale=alt.Scale(domain=[0, strips.columns * steps], nice=False),
+                axis=alt.Axis(grid=False),
+            ),
+            x2="end:Q",
+            y=alt.Y("y:Q", title=None, axis=None, scale=y),
+            y2="y2:Q",
+            color=leverage_colour("leverage:Q"),
+            tooltip=[
+                alt.Tooltip("episode:Q", title="Episode"),
+                alt.Tooltip("group:N", title="Group"),
+                alt.Tooltip("source:N", title="Source"),
+                alt.Tooltip("first:Q", title="From step"),
+                alt.Tooltip("leverage:Q", title="Mean leverage", format=".2f"),
+            ],
+        )
+    )
+    labels = (
+        alt.Chart(alt.NamedData("labels"))
+        .mark_text(align="right", baseline="middle", limit=150)
+        .encode(x=alt.value(-8), y=alt.Y("y:Q", scale=y), text="name:N")
+    )
+    chart = alt.layer(cells, labels).properties(
+        width=width, height=strips.height, title=run_title("Leverage over time")
+    )
+    data = {"strips": strips.rows, "labels": strips.labels}
+    return finished(chart.add_params(*choice(names, shown)), data)
+
+
+def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: str) -> Spec:
+    """Draw the map once for each group, coloured by leverage under the run that is shown."""
+    side = 4
+    width, height = (side * cells for cells in grid.size)
+    panels = [
+        alt.layer(
+            _squares("visited", grid, side).mark_square(size=side**2, opacity=0.12, color="gray"),
+            _squares(f"group{number}", grid, side, *names, "pairs")
+            .transform_calculate(leverage="datum[run] / 100")
+            .mark_square(size=(side + 0.6) ** 2, opacity=1)
+            .encode(
+                color=leverage_colour("leverage:Q"),
+                tooltip=[
+                    alt.Tooltip("x:Q", title="x, m", format=".1f"),
+                    alt.Tooltip("y:Q", title="y, m", format=".1f"),
+                    alt.Tooltip("pairs:Q", title="Pairs here"),
+                    alt.Tooltip("leverage:Q", title="Mean leverage", format=".2f"),
+                ],
+            ),
+        ).properties(width=width, height=height, title=alt.Title(group, anchor="start"))
+        for number, group in enumerate(groups)
+    ]
+    columns = max(1, WIDTH // (width + 60))
+    chart = alt.concat(*panels, columns=columns, title=run_title("Leverage on the map"))
+    data = {"visited": grid.visited}
+    data |= {f"group{number}": [row] for number, row in enumerate(grid.groups)}
+    return finished(chart.add_params(*choice(names, shown)), data)
+
+
+def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
+    """Draw the rank correlation of each run with each; rows: run, other, correlation."""
+    place = {"sort": list(runs), "title": None}
+    base = alt.Chart(alt.NamedData("agreement")).encode(
+        x=alt.X("run:N", axis=alt.Axis(labelAngle=-30, labelLimit=140), **place),
+        y=alt.Y("other:N", axis=alt.Axis(labelLimit=140), **place),
+    )
+    cells = base.mark_rect().encode(
+        color=alt.Color(
+            "correlation:Q",
+            scale=alt.Scale(domain=[-1, 0, 1], range=["#b35806", "#f7f7f7", "#542788"]),
+            legend=alt.Legend(title="Rank correlation", gradientLength=160),
+        )
+    )
+    text = base.mark_text(fontSize=12).encode(
+        text=alt.Text("correlation:Q", format=".2f"),
+        color=alt.condition("abs(datum.correlation) > 0.6", alt.value("white"), alt.value("#222")),
+    )
+    chart = alt.layer(cells, text).properties(
+        width=alt.Step(58), height=alt.Step(36), title=title("Agreement between runs")
+    )
+    return finished(chart, {"agreement": rows})
+
+
+def _squares(data: str, grid: Grid, side: int, *fields: str) -> alt.Chart:
+    half, (x, y) = grid.cell / 2, grid.origin
+    return (
+        alt.Chart(alt.NamedData(data))
+        .transform_flatten(["i", "j", *fields])
+        .transform_calculate(
+            x=f"datum.i * {grid.cell} + {x + half}", y=f"datum.j * {grid.cell} + {y + half}"
+        )
+        .encode(
+            x=_metres("x", x, x + grid.size[0] * grid.cell, side * grid.size[0]),
+            y=_metres("y", y, y + grid.size[1] * grid.cell, side * grid.size[1]),
+        )
+    )
+
+
+def _metres(axis: str, low: float, high: float, pixels: int) -> Any:
+    channel = alt.X if axis == "x" else alt.Y
+    return channel(
+        f"{axis}:Q",
+        title=f"{axis}, m",
+        scale=alt.Scale(domain=[low, high], nice=False, zero=False),
+        axis=alt.Axis(tickCount=max(2, pixels // 80), grid=False),
+    )
+
+
+def _header(width: int) -> alt.Header:
+    return alt.Header(labelOrient="top", labelLimit=width, labelFontWeight="bold")
+
+
+def _row_header() -> alt.Header:
+    return alt.Header(labelAngle=0, labelAlign="left", labelLimit=110)

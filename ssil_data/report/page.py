@@ -1,0 +1,161 @@
+"""The page: evidence and findings put into charts, tables and prose; everything is escaped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ssil_data.report import bins, charts
+from ssil_data.report.evidence import Evidence, Scored
+from ssil_data.report.findings import PER_EPISODE, Findings
+from ssil_data.report.look import Spec
+from ssil_data.report.rendering import rendered
+from ssil_data.report.segments import STEPS
+from ssil_data.scoring import Progress
+
+SHOWN_EPISODES = 320
+"""More strips than this are too thin to be read."""
+
+ACROSS = 118
+"""Cells along the longer side of the map: two maps fit beside each other."""
+
+
+def page(evidence: Evidence, progress: Progress) -> str:
+    """Return the whole page as HTML."""
+    findings = Findings(evidence)
+    several = len(evidence.runs) > 1 and not evidence.labeled.all()
+    context = _head(evidence) | _timelines(evidence)
+    context["histograms"] = _histograms(evidence)
+    context["map"] = _map(evidence)
+    context["run_segments"] = {}
+    for number, run in enumerate(evidence.runs):
+        progress("explain", number, len(evidence.runs))
+        context["run_segments"][run.key] = findings.least_trusted(run)
+    context["disputes"] = findings.disputes() if several else []
+    context["agreement"] = _agreement(evidence, findings) if several else None
+    progress("explain", len(evidence.runs), len(evidence.runs))
+    return rendered(context)
+
+
+def _head(evidence: Evidence) -> dict[str, Any]:
+    dataset = evidence.dataset
+    return {
+        "dataset": dataset.name,
+        "version": dataset.version,
+        "pairs": len(dataset),
+        "episodes": len(evidence.lengths),
+        "labeled_pairs": int(evidence.lengths[evidence.labeled].sum()),
+        "labeled_episodes": int(evidence.labeled.sum()),
+        "unlabeled": not evidence.labeled.all(),
+        "state_width": len(dataset.state_names),
+        "action_width": len(dataset.action_names),
+        "groups": evidence.groups,
+        "runs": evidence.runs,
+        "chosen": evidence.chosen,
+        "judged": evidence.chosen.quality.auroc is not None,
+        "pinned": [run.name for run in evidence.runs if run.run.labeled_is_one],
+        "table": _table(evidence),
+        "reasons": {run.key: _reason(run) for run in evidence.runs},
+        "window": STEPS,
+        "per_episode": PER_EPISODE,
+    }
+
+
+def _table(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return each run's mean leverage by group, and its figures of quality, best ones marked."""
+    names = ("auroc", "auroc_length_matched", "spearman", "spearman_given_length")
+    figures = [[getattr(run.quality, name) for name in names] for run in evidence.runs]
+    best = [
+        max((value for value in column if value is not None), default=None)
+        for column in zip(*figures, strict=True)
+    ]
+    group = evidence.per_pair(evidence.group)
+    sizes = np.bincount(group)
+    return [
+        {
+            "run": run,
+            "means": (np.bincount(group, run.leverage) / sizes).tolist(),
+            "figures": [
+                {"value": value, "best": value is not None and value == most}
+                for value, most in zip(row, best, strict=True)
+            ],
+        }
+        for run, row in zip(evidence.runs, figures, strict=True)
+    ]
+
+
+def _reason(run: Scored) -> str:
+    """Say what the reasons of a run's segments are."""
+    if not run.parts:
+        return (
+            "The reason names the state dimensions with the largest shares of the reconstruction "
+            "error, each with its mean over the segment."
+        )
+    if run.run.estimator.get("surprisal"):
+        first = "The action that was taken is improbable for the experts in this state"
+    else:
+        first = "The experts' action in this state is uncertain"
+    return (
+        f"{first}; epistemic = unlike the labeled states, aleatoric = there the experts' own "
+        "actions vary. Dimensions beyond the labeled pairs' range follow, the furthest first."
+    )
+
+
+def _histograms(evidence: Evidence) -> Spec:
+    group = evidence.per_pair(evidence.group)
+    rows: bins.Rows = [
+        {
+            "run": run.name,
+            "group": name,
+            "low": bin / bins.BINS,
+            "high": (bin + 1) / bins.BINS,
+            "middle": (bin + 0.5) / bins.BINS,
+            "share": share,
+        }
+        for run in evidence.runs
+        for number, name in enumerate(evidence.groups)
+        for bin, share in enumerate(bins.histogram(run.leverage[group == number]))
+    ]
+    return charts.histograms(rows, [run.name for run in evidence.runs], evidence.groups)
+
+
+def _timelines(evidence: Evidence) -> dict[str, Any]:
+    """Draw the least trusted episodes under the chosen run, group by group."""
+    first = np.cumsum(evidence.lengths) - evidence.lengths
+    means = np.add.reduceat(evidence.chosen.leverage, first, dtype=np.float64) / evidence.lengths
+    order = np.argsort(means, kind="stable")[:SHOWN_EPISODES]
+    groups = [order[evidence.group[order] == number] for number in range(len(evidence.groups))]
+    strips = bins.strips(evidence.lengths, groups, evidence.groups, evidence.leverage)
+    table = evidence.dataset.episodes
+    for row in strips.rows:
+        place = row.pop("i")
+        row["episode"] = table["episode"][place].as_py()
+        row["source"] = table["source"][place].as_py()
+        row["group"] = evidence.groups[evidence.group[place]]
+    return {
+        "timelines": charts.timelines(strips, evidence.names, evidence.chosen.key),
+        "shown": len(order),
+        "hidden": len(means) - len(order),
+        "steps": strips.steps,
+    }
+
+
+def _map(evidence: Evidence) -> dict[str, Any] | None:
+    positions = evidence.dataset.recorded("position")
+    if positions is None:
+        return None
+    group = evidence.per_pair(evidence.group)
+    grid = bins.grid(positions, group, len(evidence.groups), evidence.leverage, across=ACROSS)
+    chart = charts.track(grid, evidence.groups, evidence.names, evidence.chosen.key)
+    return {"chart": chart, "cell": grid.cell}
+
+
+def _agreement(evidence: Evidence, findings: Findings) -> Spec:
+    names = [run.name for run in evidence.runs]
+    matrix = findings.agreement()
+    rows: bins.Rows = [
+        {"run": names[i], "other": names[j], "correlation": round(float(matrix[i, j]), 3)}
+        for i, j in np.argwhere(np.isfinite(matrix))
+    ]
+    return charts.agreement(rows, names)
