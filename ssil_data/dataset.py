@@ -136,7 +136,7 @@ class Dataset:
 
     def episode(self, number: int) -> Pairs:
         """Read the pairs of one episode; raises NotFoundError."""
-        if not pc.any(pc.equal(self.episodes["episode"], number)).as_py():
+        if number not in self.episodes["episode"].to_pylist():
             raise NotFoundError(
                 f"episode of {self.name}: expected 0 to {len(self.episodes) - 1}, found {number}"
             )

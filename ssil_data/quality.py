@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.dataset import Dataset
@@ -85,7 +84,7 @@ class _Drives:
 
     def __init__(self, episodes: pa.Table, leverage: NDArray[np.float32]) -> None:
         stops = np.cumsum(episodes["length"].to_numpy())
-        unlabeled = pc.invert(episodes["labeled"]).to_numpy()
+        unlabeled = ~episodes["labeled"].to_numpy()
         self.leverage = leverage
         self.length = episodes["length"].to_numpy()[unlabeled]
         self.first = stops[unlabeled] - self.length
@@ -139,12 +138,8 @@ class _Drives:
 
 def _ranks(values: ArrayLike) -> NDArray[np.float64]:
     """Rank from 1, ties at their mean."""
-    array = pa.array(np.asarray(values, np.float64))
-    least, most = (
-        pc.rank(array, sort_keys="ascending", tiebreaker=tiebreaker).to_numpy()
-        for tiebreaker in ("min", "max")
-    )
-    return (least.astype(np.float64) + most.astype(np.float64)) / 2
+    _, place, counts = np.unique(np.asarray(values), return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - (counts - 1) / 2)[place]
 
 
 def _pearson(values: NDArray[np.float64], others: NDArray[np.float64]) -> float | None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ssil_data.demonstrations import Episode, Pairs
@@ -111,7 +110,7 @@ def pairs_of(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
 
 def matrix(column: pa.ListArray, width: int) -> NDArray[np.float32]:
     """Return a list column as (n, width); raises DamagedError for lists of another width."""
-    lengths = pc.list_value_length(column).fill_null(0).to_numpy()
+    lengths = column.value_lengths().fill_null(0).to_numpy()
     odd = np.flatnonzero(lengths != width)
     if len(odd):
         row = int(odd[0])

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Schema, Transaction
 from deltalake.exceptions import CommitFailedError, TableNotFoundError
-from deltalake.transaction import AddAction
+from deltalake.transaction import AddAction, RemoveAction
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
 from ssil_data.storage import Folder, sync
@@ -31,7 +31,7 @@ BATCH_ROWS = 16_384
 
 @dataclass(frozen=True)
 class DataFile:
-    """One Parquet file of a table: its path, rows, partition and the episodes it spans."""
+    """One Parquet file of a table: its path, rows, partition and the episodes it values."""
 
     path: str
     rows: int
@@ -106,7 +106,9 @@ class Table:
         Raises ConflictError if another writer claimed the same name since this snapshot.
         """
         partition = dict(partition or {})
-        actions = [self._write(chunk, partition) for chunk in _gathered(chunks)]
+        actions: list[AddAction | RemoveAction] = [
+            self._write(chunk, partition) for chunk in _gathered(chunks)
+        ]
         before = self.version
         try:
             self.delta.create_write_transaction(
@@ -156,10 +158,9 @@ class Table:
     def _write(self, rows: pa.Table, partition: Mapping[str, str]) -> AddAction:
         wanted = [field for field in self.schema if field.name not in partition]
         rows = rows.select([field.name for field in wanted]).cast(pa.schema(wanted))
-        texts = [field.name for field in wanted if pa.types.is_string(field.type)]
         sink = pa.BufferOutputStream()
         pq.write_table(
-            rows, sink, compression="zstd", use_dictionary=texts or False, write_page_checksum=True
+            rows, sink, compression="zstd", use_dictionary=False, write_page_checksum=True
         )
         data = sink.getvalue()
         name = f"part-{_digest(data)}.parquet"
@@ -189,12 +190,12 @@ def _digest(data: bytes | pa.Buffer) -> str:
 def _statistics(rows: pa.Table) -> str:
     """Give Delta's file statistics for the ordering columns, as readers use them to skip files."""
     order = [name for name in ("episode", "step") if name in rows.column_names]
-    spans = {name: pa.compute.min_max(rows[name]).as_py() for name in order}  # pyright: ignore[reportAttributeAccessIssue]
+    values = {name: rows[name].to_numpy() for name in order}
     return json.dumps(
         {
             "numRecords": len(rows),
-            "minValues": {name: span["min"] for name, span in spans.items()},
-            "maxValues": {name: span["max"] for name, span in spans.items()},
+            "minValues": {name: int(value.min()) for name, value in values.items()},
+            "maxValues": {name: int(value.max()) for name, value in values.items()},
             "nullCount": dict.fromkeys(order, 0),
         }
     )

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,7 @@ def in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
     return np.concatenate([formula(*(a[i : i + BLOCK] for a in arrays)) for i in starts])
 
 
-def _checked(name: str, value: object, default: object) -> float:
+def _checked(name: str, value: Any, default: object) -> float:
     """Return `value` in the type of `default`: a truth value, a count or a positive number."""
     if isinstance(default, bool):
         if isinstance(value, bool):

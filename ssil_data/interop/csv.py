@@ -27,14 +27,10 @@ def read(path: Path) -> Columns:
             convert_options=arrow_csv.ConvertOptions(null_values=[""], strings_can_be_null=True),
         )
     except (pa.ArrowException, UnicodeDecodeError) as error:
-        if not odd:
-            raise InvalidInputError(f"{path}: expected a CSV file, found {error}") from None
+        found = _odd(path, odd[0]) if odd else f"{path}: expected a CSV file, found {error}"
+        raise InvalidInputError(found) from None
     if odd:
-        row = odd[0]
-        raise InvalidInputError(
-            f"{path}: expected {row.expected_columns} columns as in the header, "
-            f"found {row.actual_columns} in line {row.number}"
-        )
+        raise InvalidInputError(_odd(path, odd[0]))
     for name, column in zip(table.column_names, table.columns, strict=True):
         if column.null_count:
             empty = column.is_null().to_pylist().index(True)
@@ -42,3 +38,10 @@ def read(path: Path) -> Columns:
                 f"{path}: expected a value in column {name!r}, found none in line {empty + 2}"
             )
     return Columns(path, {name: table[name].to_numpy() for name in table.column_names})
+
+
+def _odd(path: Path, row: arrow_csv.InvalidRow) -> str:
+    return (
+        f"{path}: expected {row.expected_columns} columns as in the header, "
+        f"found {row.actual_columns} in line {row.number}"
+    )

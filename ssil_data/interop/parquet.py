@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -46,7 +45,7 @@ def _array(path: Path, name: str, column: Any) -> NDArray[Any] | None:
         )
     if not is_list:
         return column.to_numpy(zero_copy_only=False)
-    widths = pc.list_value_length(column).to_numpy()
+    widths = column.value_lengths().to_numpy()
     odd = np.flatnonzero(widths != widths[:1])
     if len(odd):
         raise InvalidInputError(

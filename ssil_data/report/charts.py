@@ -38,7 +38,7 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
                 "share:Q",
                 title=None,
                 scale=alt.Scale(type="sqrt", nice=False),
-                axis=alt.Axis(values=[0, 5, 20, 50, 100]),
+                axis=alt.Axis(values=[0, 10, 50, 100]),
             ),
             color=leverage_colour("middle:Q", legend=False),
             tooltip=[

@@ -15,39 +15,54 @@ from ssil_data.scoring import LeverageModel
 
 SHOWN = 20
 PER_EPISODE = 2
-CAUSES = 3
+DIMENSIONS = 3
 
 
 @dataclass(frozen=True)
-class Cause:
-    """A part of the uncertainty with its share of it, or a state dimension far from its usual.
+class Dimension:
+    """A state dimension that is a reason: its share of the uncertainty, where that is known.
 
     `value` is the mean over the segment; 90 % of the labeled pairs lie in `usual`; raw units.
     """
 
     name: str
-    share: float | None = None
-    value: float | None = None
-    usual: tuple[float, float] | None = None
+    share: float | None
+    value: float
+    usual: tuple[float, float]
 
     @property
     def unusual(self) -> bool:
         """Tell whether the value lies outside of the usual range."""
-        low, high = self.usual or (-np.inf, np.inf)
-        return self.value is not None and not low <= self.value <= high
+        return not self.usual[0] <= self.value <= self.usual[1]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a segment is distrusted: the parts of its uncertainty by name, and state dimensions."""
+
+    parts: dict[str, float]
+    dimensions: list[Dimension]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Steps `first` to `last` of an episode: its mean leverage under a run, and why."""
+    """Steps `first` to `last` of an episode, and what is known of it."""
 
     episode: int
     first: int
     last: int
     group: str
     source: str
+
+
+@dataclass(frozen=True)
+class Distrust:
+    """A segment, its mean leverage and uncertainty under a run, and why it is distrusted."""
+
+    segment: Segment
     leverage: float
-    causes: list[Cause]
+    uncertainty: float
+    reason: Reason
 
 
 @dataclass(frozen=True)
@@ -68,15 +83,20 @@ class Findings:
         self._first = np.cumsum(evidence.lengths) - evidence.lengths
         self._pairs = cache(self._read)
 
-    def least_trusted(self, run: Scored) -> list[Segment]:
+    def least_trusted(self, run: Scored) -> list[Distrust]:
         """Return the segments of the least leverage; of equals, the more uncertain first."""
-        measure = self.windows.means(run.leverage)
-        ties = -self.windows.means(run.uncertainty)
-        found = self.windows.least(measure, ties, count=SHOWN, per_episode=PER_EPISODE)
+        leverage = self.windows.means(run.leverage)
+        uncertainty = self.windows.means(run.uncertainty)
+        found = self.windows.least(leverage, -uncertainty, count=SHOWN, per_episode=PER_EPISODE)
         model = LeverageModel.of(self.evidence.dataset, run.name)
         return [
-            self._segment(window, float(measure[window]), self._causes(model, run, window))
-            for window in found
+            Distrust(
+                segment=self._segment(at),
+                leverage=float(leverage[at]),
+                uncertainty=float(uncertainty[at]),
+                reason=self._reason(model, run, at),
+            )
+            for at in found
         ]
 
     @cached_property
@@ -94,50 +114,42 @@ class Findings:
         means = np.stack([self.windows.means(values) for values in self.standings])
         spread = means.max(axis=0) - means.min(axis=0)
         found = self.windows.least(-spread, means.min(axis=0), count=SHOWN, per_episode=PER_EPISODE)
-        return [
-            Dispute(self._segment(window, float("nan"), []), means[:, window].tolist())
-            for window in found
-        ]
+        return [Dispute(self._segment(at), means[:, at].tolist()) for at in found]
 
-    def _segment(self, window: np.int64, leverage: float, causes: list[Cause]) -> Segment:
-        place = self.windows.episode[window]
+    def _segment(self, at: np.int64) -> Segment:
+        place = self.windows.episode[at]
         row = self.evidence.dataset.episodes.slice(place, 1).to_pylist()[0]
         return Segment(
             episode=row["episode"],
-            first=int(self.windows.start[window] - self._first[place]),
-            last=int(self.windows.stop[window] - self._first[place]) - 1,
+            first=int(self.windows.start[at] - self._first[place]),
+            last=int(self.windows.stop[at] - self._first[place]) - 1,
             group=self.evidence.groups[self.evidence.group[place]],
             source=row["source"] or "",
-            leverage=leverage,
-            causes=causes,
         )
 
-    def _causes(self, model: LeverageModel, run: Scored, window: np.int64) -> list[Cause]:
-        """Name the dimensions of the largest shares, or the parts and the oddest dimensions."""
-        rows = slice(self.windows.start[window], self.windows.stop[window])
-        place = self.windows.episode[window]
+    def _reason(self, model: LeverageModel, run: Scored, at: np.int64) -> Reason:
+        """Name the dimensions of the largest shares; without shares, the parts and the oddest."""
+        rows = slice(self.windows.start[at], self.windows.stop[at])
+        place = self.windows.episode[at]
         inside = slice(rows.start - self._first[place], rows.stop - self._first[place])
         pairs = self._pairs(int(place))
         state = pairs.states[inside].mean(axis=0)
         shares = model.estimator.shares(pairs)
         if shares is not None:
             mean = shares[inside].mean(axis=0)
-            return [self._dimension(i, state, mean[i]) for i in _largest(mean)[:CAUSES]]
+            largest = _largest(mean)[:DIMENSIONS]
+            return Reason({}, [self._dimension(i, state, float(mean[i])) for i in largest])
         low, high = self._usual
         beyond = np.maximum(low - state, state - high) / np.maximum(high - low, 1e-9)
-        odd = [i for i in _largest(beyond)[: CAUSES - 1] if beyond[i] > 0]
-        return [*_parts(run, rows), *(self._dimension(i, state) for i in odd)]
+        odd = [i for i in _largest(beyond)[: DIMENSIONS - 1] if beyond[i] > 0]
+        return Reason(_parts(run, rows), [self._dimension(i, state, None) for i in odd])
 
     def _dimension(
-        self, index: np.int64, state: NDArray[np.float32], share: np.floating | None = None
-    ) -> Cause:
+        self, index: np.int64, state: NDArray[np.float32], share: float | None
+    ) -> Dimension:
         low, high = self._usual[:, index]
-        return Cause(
-            name=self.evidence.dataset.state_names[index],
-            share=None if share is None else float(share),
-            value=float(state[index]),
-            usual=(float(low), float(high)),
-        )
+        name = self.evidence.dataset.state_names[index]
+        return Dimension(name, share, float(state[index]), (float(low), float(high)))
 
     @cached_property
     def _usual(self) -> NDArray[np.float64]:
@@ -150,13 +162,11 @@ class Findings:
         )
 
 
-def _parts(run: Scored, rows: slice) -> list[Cause]:
+def _parts(run: Scored, rows: slice) -> dict[str, float]:
     sums = {part: float(values[rows].sum()) for part, values in run.parts.items()}
     whole = sum(sums.values())
-    if not whole > 0:
-        return []
     ordered = sorted(sums.items(), key=lambda item: -item[1])
-    return [Cause(part, value / whole) for part, value in ordered]
+    return {part: value / whole for part, value in ordered} if whole > 0 else {}
 
 
 def _largest(values: NDArray[np.floating]) -> NDArray[np.int64]:

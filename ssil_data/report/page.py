@@ -28,10 +28,10 @@ def page(evidence: Evidence, progress: Progress) -> str:
     context = _head(evidence) | _timelines(evidence)
     context["histograms"] = _histograms(evidence)
     context["map"] = _map(evidence)
-    context["run_segments"] = {}
+    context["least_trusted"] = {}
     for number, run in enumerate(evidence.runs):
         progress("explain", number, len(evidence.runs))
-        context["run_segments"][run.key] = findings.least_trusted(run)
+        context["least_trusted"][run.key] = findings.least_trusted(run)
     context["disputes"] = findings.disputes() if several else []
     context["agreement"] = _agreement(evidence, findings) if several else None
     progress("explain", len(evidence.runs), len(evidence.runs))
@@ -89,8 +89,8 @@ def _reason(run: Scored) -> str:
     """Say what the reasons of a run's segments are."""
     if not run.parts:
         return (
-            "The reason names the state dimensions with the largest shares of the reconstruction "
-            "error, each with its mean over the segment."
+            "The reason names the state dimensions with the largest shares of the squared "
+            "reconstruction error."
         )
     if run.run.estimator.get("surprisal"):
         first = "The action that was taken is improbable for the experts in this state"

@@ -25,7 +25,12 @@ def rendered(context: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
-    environment.filters |= {"count": "{:,}".format, "number": _number, "short": _short}
+    environment.filters |= {
+        "count": "{:,}".format,
+        "number": _number,
+        "percent": _percent,
+        "short": _short,
+    }
     return environment.get_template("page.html.j2").render(
         context,
         style=Markup((HERE / "page.css").read_text("utf-8")),
@@ -38,12 +43,16 @@ def rendered(context: Mapping[str, Any]) -> str:
 def _bundle() -> str:
     """Return Vega, Vega-Lite and Vega-Embed of the version that the specs are written in."""
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
-    bundle = vl_convert.javascript_bundle(None, vl_version=version)
+    bundle = vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=version)
     return bundle.replace("</script", "<\\/script")
 
 
 def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}".replace("%", "\N{NO-BREAK SPACE}%")
 
 
 def _short(value: float) -> str:

@@ -158,7 +158,9 @@ def test_a_damaged_model_or_record_is_found(dataset: Dataset):
 
 
 def test_after_a_kill_at_any_moment_runs_are_whole_or_absent(dataset: Dataset):
-    rng, acknowledged = np.random.default_rng(0), set()
+    rng = np.random.default_rng(0)
+    acknowledged: set[str] = set()
+    shown: set[str] = set()
     for round_ in range(8):
         process = writer(dataset, first=1000 * round_, count=1000)
         time.sleep(float(rng.uniform(0.0, 0.25)))

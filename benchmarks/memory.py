@@ -1,0 +1,75 @@
+"""Is a set larger than memory scored in bounded memory?
+
+The racetrack set, repeated 1, 10 and 40 times, is scored in a fresh process each; the peak memory
+of the process above that of scoring the first is printed beside the size of the set in memory.
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ssil_data.dataset import Dataset
+from ssil_data.demonstrations import Episode
+from ssil_data.estimators import VAE
+from ssil_data.scoring import rescore, score
+from ssil_data.storage import Folder
+from ssil_data.store import Store
+
+TIMES = (1, 10, 40)
+
+
+def repeated(dataset: Dataset, times: int) -> Iterator[Episode]:
+    """Go through the episodes of a dataset several times."""
+    pairs, labeled = dataset.pairs(), dataset.episodes["labeled"].to_pylist()
+    stops = np.cumsum(dataset.episodes["length"].to_numpy())
+    for _ in range(times):
+        for stop, length, known in zip(
+            stops, dataset.episodes["length"].to_pylist(), labeled, strict=True
+        ):
+            rows = slice(stop - length, stop)
+            yield Episode(pairs.states[rows], pairs.actions[rows], labeled=known)
+
+
+def main() -> None:
+    """Print one row per size."""
+    racetrack = Store(Path(__file__).parents[1] / "datasets")["racetrack"]
+    names = {"state_names": racetrack.state_names, "action_names": racetrack.action_names}
+    with tempfile.TemporaryDirectory() as folder:
+        store, least = Store(folder), 0.0
+        small = store.create("x1", repeated(racetrack, 1), **names)
+        score(small, VAE(), run="vae")
+        print(
+            f"{'pairs':>12}{'set, MiB':>12}{'peak, MiB':>12}{'more, MiB':>12}{'more, bytes/pair':>18}"
+        )
+        for times in TIMES:
+            if times > 1:
+                store.create(f"x{times}", repeated(racetrack, times), **names)
+            command = [sys.executable, __file__, folder, f"x{times}"]
+            peak = int(subprocess.run(command, capture_output=True, check=True).stdout) / 1024
+            least = least or peak
+            count = times * len(racetrack)
+            size = count * 4 * sum(map(len, names.values())) / 2**20
+            more = peak - least
+            print(
+                f"{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}{more * 2**20 / count:>18.1f}"
+            )
+
+
+def measured(folder: str, name: str) -> None:
+    """Score one dataset in this process and print the peak of its memory in KiB."""
+    rescore(Dataset(Folder(folder) / name), Dataset(Folder(folder) / "x1"), "vae")
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        measured(*sys.argv[1:])
+    else:
+        main()

@@ -1,0 +1,128 @@
+"""What every estimator promises."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from sklearn.metrics import roc_auc_score
+
+from ssil_data.demonstrations import Pairs
+from ssil_data.errors import InvalidInputError
+from ssil_data.estimators import Estimator, Fitted, dump, load
+
+
+def assert_same(one: Fitted, other: Fitted, pairs: Pairs) -> None:
+    """Assert the same answer to the last bit."""
+    mine, theirs = one.uncertainty(pairs), other.uncertainty(pairs)
+    np.testing.assert_array_equal(mine.total, theirs.total)
+    assert mine.parts.keys() == theirs.parts.keys()
+    for name in mine.parts:
+        np.testing.assert_array_equal(mine.parts[name], theirs.parts[name])
+
+
+def test_same_seed_same_bytes(
+    estimator: Estimator, fitted: Fitted, expert: Pairs, other_expert: Pairs
+):
+    torch.rand(3)
+    again = estimator.fit(expert, seed=0)
+    assert dump(again) == dump(fitted)
+    assert_same(again, fitted, other_expert)
+
+
+def test_fitting_leaves_torch_as_it_was(estimator: Estimator, expert: Pairs):
+    state, threads = torch.get_rng_state(), torch.get_num_threads()
+    estimator.fit(expert[:50], seed=3)
+    assert torch.equal(torch.get_rng_state(), state)
+    assert torch.get_num_threads() == threads
+
+
+def test_random_pairs_are_stranger_than_expert_pairs(
+    fitted: Fitted, other_expert: Pairs, random: Pairs
+):
+    strange = np.r_[fitted.uncertainty(other_expert).total, fitted.uncertainty(random).total]
+    assert roc_auc_score(np.repeat([0, 1], [len(other_expert), len(random)]), strange) > 0.85
+
+
+def test_a_dumped_estimator_answers_identically_when_loaded(fitted: Fitted, random: Pairs):
+    loaded = load(dump(fitted))
+    assert loaded.settings == fitted.settings
+    assert (loaded.margin, type(loaded)) == (fitted.margin, type(fitted))
+    assert_same(loaded, fitted, random)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 600])
+def test_rows_in_are_rows_out(fitted: Fitted, random: Pairs, count: int):
+    uncertainty = fitted.uncertainty(random[:count])
+    shares = fitted.shares(random[:count])
+    for values in (uncertainty.total, *uncertainty.parts.values()):
+        assert values.shape == (count,) and values.dtype == np.float32
+        assert np.isfinite(values).all()
+    assert shares is None or shares.shape == random[:count].states.shape
+    assert set(uncertainty.parts) <= {"aleatoric", "epistemic"}
+
+
+def test_the_input_is_untouched(fitted: Fitted, random: Pairs):
+    before = random.states.copy(), random.actions.copy()
+    fitted.uncertainty(random)
+    fitted.shares(random)
+    np.testing.assert_array_equal(before[0], random.states)
+    np.testing.assert_array_equal(before[1], random.actions)
+
+
+@pytest.mark.parametrize("cut", [slice(0, 30), slice(7, 55), slice(29, 31), slice(200, 600)])
+def test_a_batch_with_its_margin_is_judged_as_in_the_whole(
+    fitted: Fitted, random: Pairs, cut: slice
+):
+    start, stop = max(0, cut.start - fitted.margin), min(len(random), cut.stop + fitted.margin)
+    part = fitted.uncertainty(random[start:stop]).total[cut.start - start :][: cut.stop - cut.start]
+    whole = fitted.uncertainty(random).total[cut]
+    np.testing.assert_allclose(part, whole, rtol=1e-3, atol=1e-4)
+
+
+def test_values_far_away_are_judged_without_overflow(fitted: Fitted, random: Pairs):
+    far = Pairs(random.states * 1e30, random.actions * 1e30, random.episode, random.step)
+    uncertainty = fitted.uncertainty(far)
+    assert np.isfinite(uncertainty.total).all()
+    assert uncertainty.total.mean() > fitted.uncertainty(random).total.mean()
+
+
+def test_another_width_is_refused_naming_both_sides(fitted: Fitted, random: Pairs):
+    wide = Pairs(np.hstack([random.states] * 2), random.actions, random.episode, random.step)
+    with pytest.raises(InvalidInputError, match="state width: expected 6, found 12"):
+        fitted.uncertainty(wide)
+    narrow = Pairs(random.states, random.actions[:, :1], random.episode, random.step)
+    with pytest.raises(InvalidInputError, match="action width: expected 2, found 1"):
+        fitted.uncertainty(narrow)
+
+
+def test_nan_is_refused(estimator: Estimator, expert: Pairs):
+    states = expert.states.copy()
+    states[3, 2] = np.nan
+    with pytest.raises(InvalidInputError, match="row 3, column 2"):
+        estimator.fit(Pairs(states, expert.actions, expert.episode, expert.step), seed=0)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two_labeled_pairs_are_refused(estimator: Estimator, expert: Pairs, count: int):
+    with pytest.raises(InvalidInputError, match=f"at least 2 pairs, found {count}"):
+        estimator.fit(expert[:count], seed=0)
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_very_few_labeled_pairs_are_enough(estimator: Estimator, expert: Pairs, count: int):
+    fitted = estimator.fit(expert[:count], seed=0)
+    assert np.isfinite(fitted.uncertainty(expert).total).all()
+
+
+def test_constant_dimensions_are_no_obstacle(estimator: Estimator, expert: Pairs):
+    states, actions = expert.states.copy(), expert.actions.copy()
+    states[:, 0], actions[:, 0] = 3.0, 0.0
+    pairs = Pairs(states, actions, expert.episode, expert.step)
+    assert np.isfinite(estimator.fit(pairs, seed=0).uncertainty(pairs).total).all()
+
+
+def test_settings_and_scoring_do_not_wait_for_torch():
+    code = "import sys, ssil_data.estimators, ssil_data.leverage; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
