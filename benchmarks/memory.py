@@ -45,9 +45,8 @@ def main() -> None:
         store, least = Store(folder), 0.0
         small = store.create("x1", repeated(racetrack, 1), **names)
         score(small, VAE(), run="vae")
-        print(
-            f"{'pairs':>12}{'set, MiB':>12}{'peak, MiB':>12}{'more, MiB':>12}{'more, bytes/pair':>18}"
-        )
+        columns = ("pairs", "set, MiB", "peak, MiB", "more, MiB", "bytes/pair")
+        print("".join(f"{column:>12}" for column in columns))
         for times in TIMES:
             if times > 1:
                 store.create(f"x{times}", repeated(racetrack, times), **names)
@@ -58,7 +57,7 @@ def main() -> None:
             size = count * 4 * sum(map(len, names.values())) / 2**20
             more = peak - least
             print(
-                f"{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}{more * 2**20 / count:>18.1f}"
+                f"{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}{more * 2**20 / count:>12.1f}"
             )
 
 

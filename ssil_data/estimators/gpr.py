@@ -3,10 +3,9 @@
 The posterior of one action dimension at a state s, given n labeled pairs (X, y) and m inducing
 states Z (Titsias, 2009; with Z = X it is the exact posterior):
 
-    k = kernel(Z, s),  K = kernel(Z, Z) = U diag(λ) Uᵀ,  P = U diag(λ)^-½,  G = kernel(X, Z) P
-    B = I + GᵀG / noise = V diag(Λ) Vᵀ
-    variance(s) = signal − ‖kᵀ root‖²,  root = P V diag(1 − 1/Λ)^½
-    mean(s) = kᵀ weights,  weights = P B⁻¹ Gᵀ y / noise
+    k = kernel(Z, s),  kernel(Z, Z) = U diag(λ) Uᵀ,  P = U diag(λ)^-½,  G = kernel(X, Z) P
+    GᵀG / noise = V diag(γ) Vᵀ,  φ = (P V diag(γ / (1 + γ))^½)ᵀ k
+    variance(s) = signal − ‖φ‖²,  mean(s) = φ · (diag(γ (1 + γ))^-½ Vᵀ Gᵀ y / noise)
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ class GPR(Estimator):
         order = np.random.default_rng(seed).permutation(len(x))
         some, inducing = np.sort(order[: self.learn_on]), np.sort(order[: self.inducing])
         kernel = marginal.learn(x[some], y[some], self)
-        weights, root = condition(kernel, x[inducing], x, y)
+        root, coefficients = condition(kernel, x[inducing], x, y)
         return FittedGPR(
             settings=self,
             state_width=x.shape[1],
@@ -71,8 +70,8 @@ class GPR(Estimator):
             actions=actions,
             kernel=kernel,
             inducing=x[inducing],
-            weights=weights,
             root=root,
+            coefficients=coefficients,
         )
 
 
@@ -106,8 +105,8 @@ class FittedGPR(Fitted):
     actions: Standardiser
     kernel: Kernel
     inducing: NDArray[np.float32]
-    weights: NDArray[np.float32]
     root: NDArray[np.float32]
+    coefficients: NDArray[np.float32]
 
     def __post_init__(self) -> None:
         """Validate that the parts fit the widths."""
@@ -118,18 +117,17 @@ class FittedGPR(Fitted):
         expect("signal", self.kernel.signal.shape, (action,))
         expect("noise", self.kernel.noise.shape, (action,))
         expect("inducing", self.inducing.shape, (count, self.state_width))
-        expect("weights", self.weights.shape, (action, count))
         expect("root", self.root.shape[:2], (action, count))
+        expect("coefficients", self.coefficients.shape, (action, self.root.shape[-1]))
 
     def posterior(self, states: NDArray[np.float32]) -> tuple[NDArray, NDArray]:
         """Return mean and variance (n, k) of the standardised noiseless action in raw states."""
         x = self.states(states)
         means, variances = [], []
         for action in range(self.action_width):
-            k = self.kernel(action, x, self.inducing)
-            means.append(k @ self.weights[action])
-            known = k @ self.root[action]
-            variances.append(self.kernel.signal[action] - np.einsum("nq,nq->n", known, known))
+            known = self.kernel(action, x, self.inducing) @ self.root[action]
+            means.append(known @ self.coefficients[action])
+            variances.append(self.kernel.signal[action] - np.square(known).sum(axis=1))
         return np.column_stack(means), np.maximum(np.column_stack(variances), 0)
 
     def _uncertainty(self, pairs: Pairs) -> Uncertainty:
@@ -152,24 +150,23 @@ class FittedGPR(Fitted):
 def condition(
     kernel: Kernel, inducing: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the weights (k, m) and the root (k, m, q) of the posterior, see the module's head.
+    """Return the root (k, m, q) and the coefficients (k, q): φ = rootᵀ k, mean = φ · coefficients.
 
-    Columns of the root that could explain less than `NEGLIGIBLE` of the signal together are left
-    out, since (k·column)² ≤ signal · (1 − 1/Λ); the roots are filled up with zeros to one width.
+    Dimensions of φ that could explain less than `NEGLIGIBLE` of the signal together are left out,
+    since φᵢ² ≤ signal · γᵢ / (1 + γᵢ); the rest is filled up with zeros to one width.
     """
-    weights, roots = [], []
+    roots, coefficients = [], []
     some, every = inducing.astype(np.float64), x.astype(np.float64)
     for action, noise in enumerate(kernel.noise.astype(np.float64)):
-        values, vectors = np.linalg.eigh(kernel(action, some, some))
-        kept = values > values[-1] * 1e-10
-        p = vectors[:, kept] / np.sqrt(values[kept])
+        prior, vectors = np.linalg.eigh(kernel(action, some, some))
+        p = vectors / np.sqrt(np.maximum(prior, 0) + NEGLIGIBLE * kernel.signal[action])
         g = kernel(action, every, some) @ p
         gain, v = np.linalg.eigh(g.T @ g / noise)
-        gain = np.maximum(gain, 0)
-        explained = gain / (1 + gain)
-        kept = np.cumsum(explained) > NEGLIGIBLE
-        weights.append(p @ (v @ ((v.T @ (g.T @ y[:, action])) / (noise * (1 + gain)))))
-        roots.append(p @ (v[:, kept] * np.sqrt(explained[kept])))
-    width = max(root.shape[1] for root in roots)
-    padded = [np.pad(root, ((0, 0), (width - root.shape[1], 0))) for root in roots]
-    return np.array(weights, np.float32), np.array(padded, np.float32)
+        kept = np.cumsum(gain / (1 + gain)) > NEGLIGIBLE
+        gain, v = gain[kept], v[:, kept]
+        roots.append(p @ (v * np.sqrt(gain / (1 + gain))))
+        coefficients.append((v.T @ (g.T @ y[:, action])) / (noise * np.sqrt(gain * (1 + gain))))
+    width = max(map(len, coefficients))
+    filled = [np.pad(c, (0, width - len(c))) for c in coefficients]
+    wide = [np.pad(root, ((0, 0), (0, width - root.shape[1]))) for root in roots]
+    return np.array(wide, np.float32), np.array(filled, np.float32)

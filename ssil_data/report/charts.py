@@ -1,4 +1,4 @@
-"""The charts as Vega-Lite specs: one spec serves the page, PNG and the web; it knows no store.
+"""Histograms, timelines and agreement as Vega-Lite specs, which serve page, PNG and web alike.
 
 Names that users gave to runs, tiers and sources are data, never fields or expressions: runs are
 fields r0, r1, …, and the parameter `run` says which is shown. Leverage is in whole percent.
@@ -7,11 +7,10 @@ fields r0, r1, …, and the parameter `run` says which is shown. Leverage is in 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import altair as alt
 
-from ssil_data.report.bins import Grid, Rows, Strips
+from ssil_data.report.bins import Rows, Strips
 from ssil_data.report.look import (
     WIDTH,
     Spec,
@@ -37,7 +36,9 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
             y=alt.Y(
                 "share:Q",
                 title=None,
-                scale=alt.Scale(type="sqrt", nice=False),
+                scale=alt.Scale(
+                    type="sqrt", domain=[0, max(row["share"] for row in rows)], nice=False
+                ),
                 axis=alt.Axis(values=[0, 10, 50, 100]),
             ),
             color=leverage_colour("middle:Q", legend=False),
@@ -112,35 +113,6 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
     return finished(chart.add_params(*choice(names, shown)), data)
 
 
-def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: str) -> Spec:
-    """Draw the map once for each group, coloured by leverage under the run that is shown."""
-    side = 4
-    width, height = (side * cells for cells in grid.size)
-    panels = [
-        alt.layer(
-            _squares("visited", grid, side).mark_square(size=side**2, opacity=0.12, color="gray"),
-            _squares(f"group{number}", grid, side, *names, "pairs")
-            .transform_calculate(leverage="datum[run] / 100")
-            .mark_square(size=(side + 0.6) ** 2, opacity=1)
-            .encode(
-                color=leverage_colour("leverage:Q"),
-                tooltip=[
-                    alt.Tooltip("x:Q", title="x, m", format=".1f"),
-                    alt.Tooltip("y:Q", title="y, m", format=".1f"),
-                    alt.Tooltip("pairs:Q", title="Pairs here"),
-                    alt.Tooltip("leverage:Q", title="Mean leverage", format=".2f"),
-                ],
-            ),
-        ).properties(width=width, height=height, title=alt.Title(group, anchor="start"))
-        for number, group in enumerate(groups)
-    ]
-    columns = max(1, WIDTH // (width + 60))
-    chart = alt.concat(*panels, columns=columns, title=run_title("Leverage on the map"))
-    data = {"visited": grid.visited}
-    data |= {f"group{number}": [row] for number, row in enumerate(grid.groups)}
-    return finished(chart.add_params(*choice(names, shown)), data)
-
-
 def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
     """Draw the rank correlation of each run with each; rows: run, other, correlation."""
     place = {"sort": list(runs), "title": None}
@@ -163,31 +135,6 @@ def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
         width=alt.Step(58), height=alt.Step(36), title=title("Agreement between runs")
     )
     return finished(chart, {"agreement": rows})
-
-
-def _squares(data: str, grid: Grid, side: int, *fields: str) -> alt.Chart:
-    half, (x, y) = grid.cell / 2, grid.origin
-    return (
-        alt.Chart(alt.NamedData(data))
-        .transform_flatten(["i", "j", *fields])
-        .transform_calculate(
-            x=f"datum.i * {grid.cell} + {x + half}", y=f"datum.j * {grid.cell} + {y + half}"
-        )
-        .encode(
-            x=_metres("x", x, x + grid.size[0] * grid.cell, side * grid.size[0]),
-            y=_metres("y", y, y + grid.size[1] * grid.cell, side * grid.size[1]),
-        )
-    )
-
-
-def _metres(axis: str, low: float, high: float, pixels: int) -> Any:
-    channel = alt.X if axis == "x" else alt.Y
-    return channel(
-        f"{axis}:Q",
-        title=f"{axis}, m",
-        scale=alt.Scale(domain=[low, high], nice=False, zero=False),
-        axis=alt.Axis(tickCount=max(2, pixels // 80), grid=False),
-    )
 
 
 def _header(width: int) -> alt.Header:

@@ -3,56 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.demonstrations import Pairs
-from ssil_data.report.evidence import Evidence, Scored
+from ssil_data.report.evidence import Evidence
+from ssil_data.report.reasons import Reason, Reasons
 from ssil_data.report.segments import Windows, correlations, standing, windows
-from ssil_data.scoring import LeverageModel
+from ssil_data.scoring import LeverageModel, Progress
 
 SHOWN = 20
 PER_EPISODE = 2
-DIMENSIONS = 3
-
-
-@dataclass(frozen=True)
-class Dimension:
-    """A state dimension that is a reason: its share of the uncertainty, where that is known.
-
-    `value` is the mean over the segment; 90 % of the labeled pairs lie in `usual`; raw units.
-    """
-
-    name: str
-    share: float | None
-    value: float
-    usual: tuple[float, float]
-
-    @property
-    def unusual(self) -> bool:
-        """Tell whether the value lies outside of the usual range."""
-        return not self.usual[0] <= self.value <= self.usual[1]
-
-
-@dataclass(frozen=True)
-class Reason:
-    """Why a segment is distrusted: the parts of its uncertainty by name, and state dimensions."""
-
-    parts: dict[str, float]
-    dimensions: list[Dimension]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Steps `first` to `last` of an episode, and what is known of it."""
+    """Steps `first` to `last` of an episode, which are `rows` of the pairs."""
 
     episode: int
     first: int
     last: int
     group: str
     source: str
+    rows: slice
 
 
 @dataclass(frozen=True)
@@ -73,101 +46,64 @@ class Dispute:
     standings: list[float]
 
 
-class Findings:
-    """Asks one report's evidence for its segments; states are read for these alone."""
+def least_trusted(evidence: Evidence, progress: Progress) -> dict[str, list[Distrust]]:
+    """Return the unlabeled segments of the least leverage by the key of the run.
 
-    def __init__(self, evidence: Evidence) -> None:
-        """Look at the unlabeled episodes."""
-        self.evidence = evidence
-        self.windows: Windows = windows(evidence.lengths, ~evidence.labeled)
-        self._first = np.cumsum(evidence.lengths) - evidence.lengths
-        self._pairs = cache(self._read)
-
-    def least_trusted(self, run: Scored) -> list[Distrust]:
-        """Return the segments of the least leverage; of equals, the more uncertain first."""
-        leverage = self.windows.means(run.leverage)
-        uncertainty = self.windows.means(run.uncertainty)
-        found = self.windows.least(leverage, -uncertainty, count=SHOWN, per_episode=PER_EPISODE)
-        model = LeverageModel.of(self.evidence.dataset, run.name)
-        return [
+    Of equal leverage, the more uncertain first.
+    """
+    every = windows(evidence.lengths, ~evidence.labeled)
+    leverage = {run.key: every.means(run.leverage) for run in evidence.runs}
+    uncertainty = {run.key: every.means(run.uncertainty) for run in evidence.runs}
+    found = {
+        key: every.least(leverage[key], -uncertainty[key], count=SHOWN, per_episode=PER_EPISODE)
+        for key in leverage
+    }
+    segments = {key: [_segment(evidence, every, at) for at in found[key]] for key in found}
+    episodes = {one.episode for some in segments.values() for one in some}
+    reasons = Reasons(evidence.dataset, sorted(episodes))
+    answer = {}
+    for number, run in enumerate(evidence.runs):
+        progress("explain", number, len(evidence.runs))
+        model = LeverageModel.of(evidence.dataset, run.name)
+        answer[run.key] = [
             Distrust(
-                segment=self._segment(at),
-                leverage=float(leverage[at]),
-                uncertainty=float(uncertainty[at]),
-                reason=self._reason(model, run, at),
+                segment=one,
+                leverage=float(leverage[run.key][at]),
+                uncertainty=float(uncertainty[run.key][at]),
+                reason=reasons(model, run, one.rows, episode=one.episode, first=one.first),
             )
-            for at in found
+            for at, one in zip(found[run.key], segments[run.key], strict=True)
         ]
-
-    @cached_property
-    def standings(self) -> NDArray[np.float64]:
-        """The standing of every pair under every run, (r, n), among the unlabeled pairs."""
-        unlabeled = ~self.evidence.per_pair(self.evidence.labeled)
-        return np.stack([standing(run.leverage, unlabeled) for run in self.evidence.runs])
-
-    def agreement(self) -> NDArray[np.float64]:
-        """Return Spearman's correlation of each run with each over the unlabeled pairs, (r, r)."""
-        return correlations(self.standings[:, ~self.evidence.per_pair(self.evidence.labeled)])
-
-    def disputes(self) -> list[Dispute]:
-        """Return the segments whose standings under two runs lie furthest apart."""
-        means = np.stack([self.windows.means(values) for values in self.standings])
-        spread = means.max(axis=0) - means.min(axis=0)
-        found = self.windows.least(-spread, means.min(axis=0), count=SHOWN, per_episode=PER_EPISODE)
-        return [Dispute(self._segment(at), means[:, at].tolist()) for at in found]
-
-    def _segment(self, at: np.int64) -> Segment:
-        place = self.windows.episode[at]
-        row = self.evidence.dataset.episodes.slice(place, 1).to_pylist()[0]
-        return Segment(
-            episode=row["episode"],
-            first=int(self.windows.start[at] - self._first[place]),
-            last=int(self.windows.stop[at] - self._first[place]) - 1,
-            group=self.evidence.groups[self.evidence.group[place]],
-            source=row["source"] or "",
-        )
-
-    def _reason(self, model: LeverageModel, run: Scored, at: np.int64) -> Reason:
-        """Name the dimensions of the largest shares; without shares, the parts and the oddest."""
-        rows = slice(self.windows.start[at], self.windows.stop[at])
-        place = self.windows.episode[at]
-        inside = slice(rows.start - self._first[place], rows.stop - self._first[place])
-        pairs = self._pairs(int(place))
-        state = pairs.states[inside].mean(axis=0)
-        shares = model.estimator.shares(pairs)
-        if shares is not None:
-            mean = shares[inside].mean(axis=0)
-            largest = _largest(mean)[:DIMENSIONS]
-            return Reason({}, [self._dimension(i, state, float(mean[i])) for i in largest])
-        low, high = self._usual
-        beyond = np.maximum(low - state, state - high) / np.maximum(high - low, 1e-9)
-        odd = [i for i in _largest(beyond)[: DIMENSIONS - 1] if beyond[i] > 0]
-        return Reason(_parts(run, rows), [self._dimension(i, state, None) for i in odd])
-
-    def _dimension(
-        self, index: np.int64, state: NDArray[np.float32], share: float | None
-    ) -> Dimension:
-        low, high = self._usual[:, index]
-        name = self.evidence.dataset.state_names[index]
-        return Dimension(name, share, float(state[index]), (float(low), float(high)))
-
-    @cached_property
-    def _usual(self) -> NDArray[np.float64]:
-        states = self.evidence.dataset.labeled().states
-        return np.quantile(states, [0.05, 0.95], axis=0).astype(np.float64)
-
-    def _read(self, place: int) -> Pairs:
-        return self.evidence.dataset.episode(
-            self.evidence.dataset.episodes["episode"][place].as_py()
-        )
+    progress("explain", len(evidence.runs), len(evidence.runs))
+    return answer
 
 
-def _parts(run: Scored, rows: slice) -> dict[str, float]:
-    sums = {part: float(values[rows].sum()) for part, values in run.parts.items()}
-    whole = sum(sums.values())
-    ordered = sorted(sums.items(), key=lambda item: -item[1])
-    return {part: value / whole for part, value in ordered} if whole > 0 else {}
+def disputes(evidence: Evidence) -> tuple[NDArray[np.float64], list[Dispute]]:
+    """Return Spearman's correlation of each of r runs with each, (r, r), and where they differ.
+
+    Those segments come first whose standings under two runs lie furthest apart. Over unlabeled
+    pairs.
+    """
+    every = windows(evidence.lengths, ~evidence.labeled)
+    unlabeled = ~evidence.per_pair(evidence.labeled)
+    standings = np.stack([standing(run.leverage, unlabeled) for run in evidence.runs])
+    means = np.stack([every.means(values) for values in standings])
+    least = means.min(axis=0)
+    found = every.least(least - means.max(axis=0), least, count=SHOWN, per_episode=PER_EPISODE)
+    return correlations(standings[:, unlabeled]), [
+        Dispute(_segment(evidence, every, at), means[:, at].tolist()) for at in found
+    ]
 
 
-def _largest(values: NDArray[np.floating]) -> NDArray[np.int64]:
-    return np.argsort(-values, kind="stable")
+def _segment(evidence: Evidence, every: Windows, at: np.int64) -> Segment:
+    place, start, stop = (int(x[at]) for x in (every.episode, every.start, every.stop))
+    before = int(evidence.lengths[:place].sum())
+    row = evidence.dataset.episodes.slice(place, 1).to_pylist()[0]
+    return Segment(
+        episode=row["episode"],
+        first=start - before,
+        last=stop - before - 1,
+        group=evidence.groups[evidence.group[place]],
+        source=row["source"] or "",
+        rows=slice(start, stop),
+    )

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssil_data.report import bins, charts
 from ssil_data.report.evidence import Evidence, Scored
-from ssil_data.report.findings import PER_EPISODE, Findings
+from ssil_data.report.findings import PER_EPISODE, disputes, least_trusted
 from ssil_data.report.look import Spec
 from ssil_data.report.rendering import rendered
 from ssil_data.report.segments import STEPS
@@ -23,18 +24,14 @@ ACROSS = 118
 
 def page(evidence: Evidence, progress: Progress) -> str:
     """Return the whole page as HTML."""
-    findings = Findings(evidence)
-    several = len(evidence.runs) > 1 and not evidence.labeled.all()
     context = _head(evidence) | _timelines(evidence)
     context["histograms"] = _histograms(evidence)
     context["map"] = _map(evidence)
-    context["least_trusted"] = {}
-    for number, run in enumerate(evidence.runs):
-        progress("explain", number, len(evidence.runs))
-        context["least_trusted"][run.key] = findings.least_trusted(run)
-    context["disputes"] = findings.disputes() if several else []
-    context["agreement"] = _agreement(evidence, findings) if several else None
-    progress("explain", len(evidence.runs), len(evidence.runs))
+    context["least_trusted"] = least_trusted(evidence, progress)
+    context["disputes"] = []
+    if len(evidence.runs) > 1 and not evidence.labeled.all():
+        matrix, context["disputes"] = disputes(evidence)
+        context["agreement"] = _agreement(evidence, matrix)
     return rendered(context)
 
 
@@ -151,9 +148,8 @@ def _map(evidence: Evidence) -> dict[str, Any] | None:
     return {"chart": chart, "cell": grid.cell}
 
 
-def _agreement(evidence: Evidence, findings: Findings) -> Spec:
+def _agreement(evidence: Evidence, matrix: NDArray[np.float64]) -> Spec:
     names = [run.name for run in evidence.runs]
-    matrix = findings.agreement()
     rows: bins.Rows = [
         {"run": names[i], "other": names[j], "correlation": round(float(matrix[i, j]), 3)}
         for i, j in np.argwhere(np.isfinite(matrix))

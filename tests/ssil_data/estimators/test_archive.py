@@ -32,7 +32,7 @@ def test_settings_survive_json(estimator: Estimator):
 
 
 def test_kinds_are_the_names_of_the_estimators():
-    assert ESTIMATORS == {"vae": VAE, "windowvae": WindowVAE, "mdn": MDN, "gpr": GPR}
+    assert {"vae": VAE, "windowvae": WindowVAE, "mdn": MDN, "gpr": GPR} == ESTIMATORS
 
 
 def test_absent_settings_take_their_defaults():

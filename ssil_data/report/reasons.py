@@ -1,0 +1,109 @@
+"""Why a run distrusts a segment: parts of its uncertainty, and state dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.dataset import Dataset
+from ssil_data.demonstrations import Pairs, joined
+from ssil_data.report.evidence import Scored
+from ssil_data.scoring import LeverageModel
+
+DIMENSIONS = 3
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A state dimension: its share of the uncertainty, where that is known, and its value.
+
+    `value` is the mean over the segment; 90 % of the labeled pairs, if any, lie in `usual`.
+    """
+
+    name: str
+    share: float | None
+    value: float
+    usual: tuple[float, float] | None
+
+    @property
+    def unusual(self) -> bool:
+        """Tell whether the value lies outside of the usual range."""
+        return self.usual is not None and not self.usual[0] <= self.value <= self.usual[1]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """The parts of the uncertainty by name with their shares, and the dimensions to look at."""
+
+    parts: dict[str, float]
+    dimensions: list[Dimension]
+
+
+class Reasons:
+    """Knows the states of some episodes and the range of the labeled ones."""
+
+    def __init__(self, dataset: Dataset, episodes: Sequence[int]) -> None:
+        """Read the episodes in one pass."""
+        self._names = dataset.state_names
+        self._pairs = _read(dataset, episodes)
+        self._usual = _usual(dataset)
+
+    def __call__(
+        self, model: LeverageModel, run: Scored, rows: slice, *, episode: int, first: int
+    ) -> Reason:
+        """Explain `rows` of the pairs, which begin at step `first` of `episode`.
+
+        Names the dimensions of the largest shares; where the estimator knows no shares, the parts
+        of its uncertainty and the dimensions furthest beyond the labeled pairs' range.
+        """
+        pairs = self._pairs[episode]
+        inside = slice(first, first + rows.stop - rows.start)
+        state = pairs.states[inside].mean(axis=0)
+        shares = model.estimator.shares(pairs)
+        if shares is not None:
+            mean = shares[inside].mean(axis=0)
+            largest = np.argsort(-mean, kind="stable")[:DIMENSIONS]
+            return Reason({}, [self._dimension(i, state, float(mean[i])) for i in largest])
+        return Reason(_parts(run, rows), [self._dimension(i, state) for i in self._odd(state)])
+
+    def _odd(self, state: NDArray[np.float32]) -> NDArray[np.int64]:
+        if self._usual is None:
+            return np.zeros(0, np.int64)
+        low, high = self._usual
+        width = np.where(high > low, high - low, 1)
+        beyond = np.maximum(low - state, state - high) / width
+        furthest = np.argsort(-beyond, kind="stable")[: DIMENSIONS - 1]
+        return furthest[beyond[furthest] > 0]
+
+    def _dimension(
+        self, index: np.int64, state: NDArray[np.float32], share: float | None = None
+    ) -> Dimension:
+        usual = None
+        if self._usual is not None:
+            usual = float(self._usual[0, index]), float(self._usual[1, index])
+        return Dimension(self._names[index], share, float(state[index]), usual)
+
+
+def _read(dataset: Dataset, episodes: Sequence[int]) -> dict[int, Pairs]:
+    parts: dict[int, list[Pairs]] = {episode: [] for episode in episodes}
+    for batch in dataset.batches():
+        for episode in np.intersect1d(batch.episode, episodes).tolist():
+            parts[episode].append(batch.where(batch.episode == episode))
+    return {episode: joined(found) for episode, found in parts.items()}
+
+
+def _usual(dataset: Dataset) -> NDArray[np.float64] | None:
+    """Return the 5 % and 95 % quantiles of the labeled states, (2, d)."""
+    if not any(dataset.episodes["labeled"].to_pylist()):
+        return None
+    return np.quantile(dataset.labeled().states.astype(np.float64), [0.05, 0.95], axis=0)
+
+
+def _parts(run: Scored, rows: slice) -> dict[str, float]:
+    sums = {part: float(values[rows].sum()) for part, values in run.parts.items()}
+    whole = sum(sums.values())
+    ordered = sorted(sums.items(), key=lambda item: -item[1])
+    return {part: value / whole for part, value in ordered} if whole > 0 else {}
