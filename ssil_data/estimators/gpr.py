@@ -30,6 +30,9 @@ from ssil_data.features import Standardiser
 NEGLIGIBLE = 1e-6
 """Share of the signal variance that float32 would lose anyway."""
 
+JITTER = 1e-8
+"""Share of the signal variance added to inducing points, which may lie on top of each other."""
+
 FAINTEST = -30.0
 """Least exponent of the kernel: nothing to float32, and products do not slow down as denormals."""
 
@@ -159,7 +162,7 @@ def condition(
     some, every = inducing.astype(np.float64), x.astype(np.float64)
     for action, noise in enumerate(kernel.noise.astype(np.float64)):
         prior, vectors = np.linalg.eigh(kernel(action, some, some))
-        p = vectors / np.sqrt(np.maximum(prior, 0) + NEGLIGIBLE * kernel.signal[action])
+        p = vectors / np.sqrt(np.maximum(prior, 0) + JITTER * kernel.signal[action])
         g = kernel(action, every, some) @ p
         gain, v = np.linalg.eigh(g.T @ g / noise)
         kept = np.cumsum(gain / (1 + gain)) > NEGLIGIBLE

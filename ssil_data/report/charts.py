@@ -7,6 +7,7 @@ fields r0, r1, …, and the parameter `run` says which is shown. Leverage is in 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 
 import altair as alt
 
@@ -24,12 +25,12 @@ from ssil_data.report.look import (
 
 def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
     """Draw a column for each run, a row for each group; rows: run, group, low, high, share."""
-    across = min(len(runs), 6)
+    across = ceil(len(runs) / ceil(len(runs) / 6))
     width = min(240, (WIDTH - 140) // across - 14)
     parts = [runs[first : first + across] for first in range(0, len(runs), across)]
     bars = (
         alt.Chart()
-        .mark_bar(binSpacing=0.5)
+        .mark_bar(binSpacing=0)
         .encode(
             x=alt.X("low:Q", bin="binned", title="Leverage", axis=alt.Axis(values=[0, 0.5, 1])),
             x2="high:Q",
@@ -63,7 +64,7 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
         )
         for part in parts
     ]
-    chart = alt.vconcat(*grids, title=title("Leverage by quality tier and run"))
+    chart = alt.vconcat(*grids, title=title("Leverage by group and run"))
     return finished(chart, {"histograms": rows})
 
 
@@ -86,10 +87,10 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
                 "first:Q",
                 title="Step of the episode",
                 scale=alt.Scale(domain=[0, strips.columns * steps], nice=False),
-                axis=alt.Axis(grid=False),
+                axis=alt.Axis(grid=False, tickCount=10),
             ),
             x2="end:Q",
-            y=alt.Y("y:Q", title=None, axis=None, scale=y),
+            y=alt.Y("y:Q", title="Group (episodes)", axis=_heading(), scale=y),
             y2="y2:Q",
             color=leverage_colour("leverage:Q"),
             tooltip=[
@@ -115,7 +116,7 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
 
 def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
     """Draw the rank correlation of each run with each; rows: run, other, correlation."""
-    place = {"sort": list(runs), "title": None}
+    place = {"scale": alt.Scale(domain=list(runs)), "title": "Run"}
     base = alt.Chart(alt.NamedData("agreement")).encode(
         x=alt.X("run:N", axis=alt.Axis(labelAngle=-30, labelLimit=140), **place),
         y=alt.Y("other:N", axis=alt.Axis(labelLimit=140), **place),
@@ -135,6 +136,12 @@ def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
         width=alt.Step(58), height=alt.Step(36), title=title("Agreement between runs")
     )
     return finished(chart, {"agreement": rows})
+
+
+def _heading() -> alt.Axis:
+    """Return an axis without ticks, whose title stands over the labels beside it."""
+    title = {"titleAngle": 0, "titleAlign": "right", "titleX": -8, "titleY": -8}
+    return alt.Axis(labels=False, ticks=False, domain=False, grid=False, **title)
 
 
 def _header(width: int) -> alt.Header:

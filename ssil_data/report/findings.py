@@ -49,10 +49,10 @@ class Dispute:
 def least_trusted(evidence: Evidence, progress: Progress) -> dict[str, list[Distrust]]:
     """Return the unlabeled segments of the least leverage by the key of the run.
 
-    Of equal leverage, the more uncertain first.
+    Of leverage that is equal as shown, to two decimals, the more uncertain first.
     """
     every = windows(evidence.lengths, ~evidence.labeled)
-    leverage = {run.key: every.means(run.leverage) for run in evidence.runs}
+    leverage = {run.key: every.means(run.leverage).round(2) for run in evidence.runs}
     uncertainty = {run.key: every.means(run.uncertainty) for run in evidence.runs}
     found = {
         key: every.least(leverage[key], -uncertainty[key], count=SHOWN, per_episode=PER_EPISODE)

@@ -13,6 +13,7 @@ from ssil_data.report.findings import PER_EPISODE, disputes, least_trusted
 from ssil_data.report.look import Spec
 from ssil_data.report.rendering import rendered
 from ssil_data.report.segments import STEPS
+from ssil_data.report.track import track
 from ssil_data.scoring import Progress
 
 SHOWN_EPISODES = 320
@@ -36,7 +37,7 @@ def page(evidence: Evidence, progress: Progress) -> str:
 
 
 def _head(evidence: Evidence) -> dict[str, Any]:
-    dataset = evidence.dataset
+    dataset, table = evidence.dataset, _table(evidence)
     return {
         "dataset": dataset.name,
         "version": dataset.version,
@@ -48,11 +49,13 @@ def _head(evidence: Evidence) -> dict[str, Any]:
         "state_width": len(dataset.state_names),
         "action_width": len(dataset.action_names),
         "groups": evidence.groups,
+        "sourced": any(dataset.episodes["source"].to_pylist()),
         "runs": evidence.runs,
         "chosen": evidence.chosen,
-        "judged": evidence.chosen.quality.auroc is not None,
+        "tiers": bool(evidence.chosen.quality.mean_leverage_by_tier),
+        "judged": any(figure["value"] is not None for row in table for figure in row["figures"]),
         "pinned": [run.name for run in evidence.runs if run.run.labeled_is_one],
-        "table": _table(evidence),
+        "table": table,
         "reasons": {run.key: _reason(run) for run in evidence.runs},
         "window": STEPS,
         "per_episode": PER_EPISODE,
@@ -62,7 +65,7 @@ def _head(evidence: Evidence) -> dict[str, Any]:
 def _table(evidence: Evidence) -> list[dict[str, Any]]:
     """Return each run's mean leverage by group, and its figures of quality, best ones marked."""
     names = ("auroc", "auroc_length_matched", "spearman", "spearman_given_length")
-    figures = [[getattr(run.quality, name) for name in names] for run in evidence.runs]
+    figures = [[_rounded(getattr(run.quality, name)) for name in names] for run in evidence.runs]
     best = [
         max((value for value in column if value is not None), default=None)
         for column in zip(*figures, strict=True)
@@ -80,6 +83,11 @@ def _table(evidence: Evidence) -> list[dict[str, Any]]:
         }
         for run, row in zip(evidence.runs, figures, strict=True)
     ]
+
+
+def _rounded(figure: float | None) -> float | None:
+    """Round as it is shown, so that what looks equal is equally good."""
+    return None if figure is None else round(figure, 3)
 
 
 def _reason(run: Scored) -> str:
@@ -144,7 +152,7 @@ def _map(evidence: Evidence) -> dict[str, Any] | None:
         return None
     group = evidence.per_pair(evidence.group)
     grid = bins.grid(positions, group, len(evidence.groups), evidence.leverage, across=ACROSS)
-    chart = charts.track(grid, evidence.groups, evidence.names, evidence.chosen.key)
+    chart = track(grid, evidence.groups, evidence.names, evidence.chosen.key)
     return {"chart": chart, "cell": grid.cell}
 
 

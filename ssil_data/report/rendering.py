@@ -13,6 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 HERE = Path(__file__).parent
+MINUS = "\N{MINUS SIGN}"
 
 
 def rendered(context: Mapping[str, Any]) -> str:
@@ -48,7 +49,7 @@ def _bundle() -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+    return "–" if value is None else f"{value:.{digits}f}".replace("-", MINUS)
 
 
 def _percent(share: float) -> str:
@@ -56,5 +57,5 @@ def _percent(share: float) -> str:
 
 
 def _short(value: float) -> str:
-    text = f"{value:,.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.3g}"
-    return text.replace("-", "\N{MINUS SIGN}")
+    text = f"{value:,.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:#.3g}".rstrip(".")
+    return text.replace("-", MINUS)

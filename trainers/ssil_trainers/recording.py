@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import gymnasium
@@ -19,7 +20,7 @@ class Drive:
     """One whole episode of T steps as it was driven.
 
     states (T, d) and positions (T, 2) in metres are from before, rewards (T,) from after the
-    actions (T, k). ending is "terminated" or "truncated".
+    actions (T, k) in [-1, 1]. ending is "terminated" or "truncated"; driver names the policy.
     """
 
     states: NDArray[np.float32]
@@ -27,6 +28,7 @@ class Drive:
     rewards: NDArray[np.float32]
     positions: NDArray[np.float32]
     ending: str
+    driver: str
 
     def __len__(self) -> int:
         """Count the steps."""
@@ -38,16 +40,22 @@ class Drive:
         return float(np.sum(self.rewards, dtype=np.float64))
 
 
-def record(env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int) -> Drive:
-    """Drive one episode from the start that `seed` draws, until it ends or is cut off.
+def record(
+    env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int, tremble: float = 0.0
+) -> Drive:
+    """Drive one episode until it ends or is cut off; `seed` draws the start and the trembling.
 
-    The environment tells position and underlying_reward in its info.
+    tremble is the deviation of the normal noise on every action, whoever drives. The environment
+    tells position and underlying_reward in its info.
     """
+    hand = np.random.default_rng([seed, 1])
     states, actions, rewards, positions = [], [], [], []
     state, info = env.reset(seed=seed)
     terminated = truncated = False
     while not (terminated or truncated):
-        action = policy(state)
+        meant = policy(state)
+        action = np.clip(meant + tremble * hand.standard_normal(meant.shape), -1.0, 1.0)
+        action = action.astype(np.float32)
         states.append(state)
         actions.append(action)
         positions.append(info["position"])
@@ -59,4 +67,42 @@ def record(env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int) -> Drive:
         rewards=np.array(rewards, dtype=np.float32),
         positions=np.array(positions, dtype=np.float32),
         ending="terminated" if terminated else "truncated",
+        driver=str(policy),
     )
+
+
+class Course:
+    """Where drivers are compared: one environment and trembling for all, new starts every time."""
+
+    def __init__(
+        self, env: gymnasium.Env[Any, Any], *, first_seed: int = 0, tremble: float = 0.0
+    ) -> None:
+        """Number the episodes' seeds from `first_seed`."""
+        self._env, self._seeds, self._tremble = env, count(first_seed), tremble
+
+    def drive(self, policy: Policy) -> Drive:
+        """Drive the next episode."""
+        return record(self._env, policy, seed=next(self._seeds), tremble=self._tremble)
+
+    def returns(self, policy: Policy, episodes: int) -> NDArray[np.float64]:
+        """Measure the returns of so many episodes."""
+        return np.array([self.drive(policy).total for _ in range(episodes)])
+
+
+def first_pairs(
+    drives: Iterable[Drive], pairs: int, *, at_most: int | None = None
+) -> list[tuple[Drive, int]]:
+    """Take drives until they hold `pairs` pairs; return each with how many of its pairs to keep.
+
+    drives must not run out. Of one drive at most `at_most` pairs are kept, its first; the last
+    drive is cut to fit.
+    """
+    taken: list[tuple[Drive, int]] = []
+    missing = pairs
+    for drive in drives:
+        kept = min(len(drive), missing, at_most or len(drive))
+        taken.append((drive, kept))
+        missing -= kept
+        if not missing:
+            break
+    return taken

@@ -13,21 +13,21 @@ EVERY = [*(each() for each in ESTIMATORS.values()), MDN(surprisal=True), GPR(sur
 
 
 def steered(seed: int, *, noise: float) -> Pairs:
-    """20 episodes × 30 steps: a point is steered to the origin and seen through six sensors.
+    """10 episodes × 30 steps: a point is steered to the origin and seen through six sensors.
 
     The expert's actions are exact up to 5 % noise; more noise makes a worse demonstration.
     """
     rng = np.random.default_rng(seed)
     sensors = np.random.default_rng(7).normal(size=(4, 6))
     states, actions = [], []
-    for _ in range(20):
+    for _ in range(10):
         place, speed = rng.uniform(-1, 1, 2), np.zeros(2)
         for _ in range(30):
             action = -1.5 * place - 1.2 * speed + noise * rng.normal(size=2)
             states.append(np.tanh(np.r_[place, speed] @ sensors) + 0.01 * rng.normal(size=6))
             actions.append(action)
             place, speed = place + 0.2 * speed, speed + 0.2 * action
-    episode, step = np.divmod(np.arange(600), 30)
+    episode, step = np.divmod(np.arange(300), 30)
     return Pairs(np.array(states), np.array(actions), episode, step)
 
 

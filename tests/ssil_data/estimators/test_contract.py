@@ -52,7 +52,7 @@ def test_a_dumped_estimator_answers_identically_when_loaded(fitted: Fitted, rand
     assert_same(loaded, fitted, random)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 600])
+@pytest.mark.parametrize("count", [0, 1, 2, 300])
 def test_rows_in_are_rows_out(fitted: Fitted, random: Pairs, count: int):
     uncertainty = fitted.uncertainty(random[:count])
     shares = fitted.shares(random[:count])
@@ -71,7 +71,7 @@ def test_the_input_is_untouched(fitted: Fitted, random: Pairs):
     np.testing.assert_array_equal(before[1], random.actions)
 
 
-@pytest.mark.parametrize("cut", [slice(0, 30), slice(7, 55), slice(29, 31), slice(200, 600)])
+@pytest.mark.parametrize("cut", [slice(0, 30), slice(7, 55), slice(29, 31), slice(100, 300)])
 def test_a_batch_with_its_margin_is_judged_as_in_the_whole(
     fitted: Fitted, random: Pairs, cut: slice
 ):
@@ -117,9 +117,10 @@ def test_very_few_labeled_pairs_are_enough(estimator: Estimator, expert: Pairs, 
 
 
 def test_constant_dimensions_are_no_obstacle(estimator: Estimator, expert: Pairs):
-    states, actions = expert.states.copy(), expert.actions.copy()
+    few = expert[:90]
+    states, actions = few.states.copy(), few.actions.copy()
     states[:, 0], actions[:, 0] = 3.0, 0.0
-    pairs = Pairs(states, actions, expert.episode, expert.step)
+    pairs = Pairs(states, actions, few.episode, few.step)
     assert np.isfinite(estimator.fit(pairs, seed=0).uncertainty(pairs).total).all()
 
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import cholesky, qr, solve_triangular
 from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import GPR
-from ssil_data.estimators.gpr import NEGLIGIBLE, FittedGPR
+from ssil_data.estimators.gpr import JITTER, FittedGPR
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +40,23 @@ def test_the_posterior_is_scikit_learns_under_the_same_kernel(
         np.testing.assert_allclose(np.sqrt(variance[:, action]), peer_deviation, atol=2e-3)
 
 
-def test_the_posterior_is_the_textbooks_in_float64(sparse: FittedGPR, expert: Pairs, random: Pairs):
-    kernel, jitter = sparse.kernel, NEGLIGIBLE * np.eye(50)
-    x, asked, z = sparse.states(expert.states), sparse.states(random.states), sparse.inducing
+def test_with_inducing_points_the_posterior_is_that_of_a_least_squares_problem(
+    sparse: FittedGPR, expert: Pairs, random: Pairs
+):
+    """w = argmin ‖y − kernel(X, Z) w‖² / noise + wᵀ kernel(Z, Z) w, by QR in float64."""
     mean, variance = sparse.posterior(random.states)
+    x, asked, z = sparse.states(expert.states), sparse.states(random.states), sparse.inducing
     for action in range(2):
-        signal, noise = float(kernel.signal[action]), float(kernel.noise[action])
-        rbf = ConstantKernel(signal) * RBF(kernel.lengthscale[action].astype(float))
-        prior, cross, k = (np.asarray(rbf(*pair)) for pair in ((z,), (z, x), (asked, z)))
-        prior = prior + signal * jitter
-        posterior = np.linalg.inv(prior + cross @ cross.T / noise)
-        expected = k @ posterior @ cross @ sparse.actions(expert.actions)[:, action] / noise
-        lost = np.einsum("ij,jk,ik->i", k, np.linalg.inv(prior) - posterior, k)
-        np.testing.assert_allclose(mean[:, action], expected, atol=1e-2)
+        signal, noise = float(sparse.kernel.signal[action]), float(sparse.kernel.noise[action])
+        rbf = RBF(sparse.kernel.lengthscale[action].astype(float))
+        prior = cholesky(signal * (np.asarray(rbf(z)) + JITTER * np.eye(len(z))), lower=True)
+        cross, k = signal * np.asarray(rbf(x, z)), signal * np.asarray(rbf(asked, z))
+        both = qr(np.vstack([cross / np.sqrt(noise), prior.T]), mode="r")[0][: len(z)]
+        known = solve_triangular(both, k.T, trans="T")
+        pull = cross.T @ sparse.actions(expert.actions)[:, action] / noise
+        expected = known.T @ solve_triangular(both, pull, trans="T")
+        lost = np.square(solve_triangular(prior, k.T, lower=True)).sum(0) - np.square(known).sum(0)
+        np.testing.assert_allclose(mean[:, action], expected, atol=3e-2)
         np.testing.assert_allclose(variance[:, action], signal - lost, atol=1e-2, rtol=1e-2)
 
 
