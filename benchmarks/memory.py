@@ -37,24 +37,34 @@ def repeated(dataset: Dataset, times: int) -> Iterator[Episode]:
             yield Episode(pairs.states[rows], pairs.actions[rows], labeled=known)
 
 
+def create(store: Store, dataset: Dataset, times: int) -> Dataset:
+    """Write a dataset several times over, as x1, x10, …"""
+    return store.create(
+        f"x{times}",
+        repeated(dataset, times),
+        state_names=dataset.state_names,
+        action_names=dataset.action_names,
+    )
+
+
 def main() -> None:
     """Print one row per size."""
     racetrack = Store(Path(__file__).parents[1] / "datasets")["racetrack"]
-    names = {"state_names": racetrack.state_names, "action_names": racetrack.action_names}
+    width = len(racetrack.state_names) + len(racetrack.action_names)
     with tempfile.TemporaryDirectory() as folder:
         store, least = Store(folder), 0.0
-        small = store.create("x1", repeated(racetrack, 1), **names)
+        small = create(store, racetrack, 1)
         score(small, VAE(), run="vae")
         columns = ("pairs", "set, MiB", "peak, MiB", "more, MiB", "bytes/pair")
         print("".join(f"{column:>12}" for column in columns))
         for times in TIMES:
             if times > 1:
-                store.create(f"x{times}", repeated(racetrack, times), **names)
+                create(store, racetrack, times)
             command = [sys.executable, __file__, folder, f"x{times}"]
             peak = int(subprocess.run(command, capture_output=True, check=True).stdout) / 1024
             least = least or peak
             count = times * len(racetrack)
-            size = count * 4 * sum(map(len, names.values())) / 2**20
+            size = count * 4 * width / 2**20
             more = peak - least
             print(
                 f"{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}{more * 2**20 / count:>12.1f}"

@@ -177,7 +177,8 @@ def lcor(
         }
         print_json(result if top is None else {**result, "contributors": top})
     else:
-        _print_answer(answer, top, len(field.states), field.alpha)
+        title = f"LCoR over {len(field.states):,} demonstration states, alpha {field.alpha:.4g}"
+        _print_answer(answer, top, unit="state" if episode is None else "step", title=title)
 
 
 def report(
@@ -259,13 +260,17 @@ def _contributors(dataset: Dataset, answer: LCoR) -> list[list[dict[str, Any]]]:
 
 
 def _print_answer(
-    answer: LCoR, top: list[list[dict[str, Any]]] | None, count: int, alpha: float
+    answer: LCoR,
+    top: list[list[dict[str, Any]]] | None,
+    *,
+    unit: str,
+    title: str,
 ) -> None:
     shown = np.unique(np.linspace(0, len(answer.values) - 1, 25).astype(int))
     rows = []
     for index in map(int, shown):
         row: dict[str, Any] = {
-            "state": index,
+            unit: index,
             "LCoR": float(answer.values[index]),
             "effective sample size": int(answer.effective_sample_size[index]),
         }
@@ -274,9 +279,9 @@ def _print_answer(
                 f"{one['episode']}:{one['step']} {one['share']:.1%}" for one in top[index][:5]
             )
         rows.append(row)
-    print_table(f"LCoR over {count:,} demonstration states, alpha {alpha:.4g}", rows)
+    print_table(title, rows)
     values = answer.values
     console().print(
-        f"{len(values):,} states: LCoR mean {values.mean():.3f}, "
-        f"least {values.min():.3f} at state {values.argmin()}, most {values.max():.3f}"
+        f"{len(values):,} {unit}s: LCoR mean {values.mean():.3f}, "
+        f"least {values.min():.3f} at {unit} {values.argmin()}, most {values.max():.3f}"
     )
