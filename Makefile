@@ -14,8 +14,19 @@ help:  ## list what can be made
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,test]'
 	@touch $@
 
+demo: export PATH := $(CURDIR)/$(BIN):$(PATH)
+demo: export SSIL_STORE := $(DEMO)/datasets
 demo: .venv/.installed  ## score the racetrack demonstrations, ask LCoR, write the report
-	@PATH="$(CURDIR)/$(BIN):$$PATH" DEMO=$(DEMO) sh docs/demo.sh
+	@rm -rf $(DEMO) && mkdir $(DEMO) && cp -R datasets $(DEMO)/datasets
+	ssil-data datasets
+	ssil-data score racetrack --estimator vae
+	ssil-data score racetrack --estimator windowvae
+	ssil-data score racetrack --estimator mdn
+	ssil-data score racetrack --estimator gpr
+	ssil-data show racetrack
+	ssil-data lcor racetrack --run windowvae --episode 200
+	ssil-data report racetrack -o $(DEMO)/report.html
+	@echo "Open $(DEMO)/report.html in a browser; the scored store is $(DEMO)/datasets."
 
 test: .venv/.installed  ## run the tests
 	$(BIN)/pytest

@@ -32,8 +32,8 @@ class MDN(Estimator):
     kind: ClassVar[str] = "mdn"
     components: int = 5
     hidden: int = 64
-    floor: float = 1e-3
-    steps: int = 1000
+    floor: float = 0.1
+    steps: int = 300
     batch: int = 256
     rate: float = 3e-3
     surprisal: bool = False

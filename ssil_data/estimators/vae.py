@@ -31,7 +31,7 @@ class AutoencoderSettings(Estimator):
     beta: float = 1.0
     steps: int = 1000
     batch: int = 256
-    rate: float = 3e-3
+    rate: float = 1e-2
 
     def fit(self, labeled: Pairs, *, seed: int) -> FittedAutoencoder:
         """Fit to the labeled states, standardised by their own mean and deviation."""

@@ -29,9 +29,15 @@ def test_picked_policies_are_spread_evenly_over_their_means() -> None:
     assert pick(measured, BANDS[0], at_most=9) == [0, 1, 2, 4, 5]
 
 
-def test_a_tier_without_a_policy_is_refused_with_the_means_that_there_are() -> None:
-    with pytest.raises(NotFoundError, match=r"tier 25-50: .* 0\.25 to 0\.50, .* \[0\.10, 0\.90\]"):
-        pick([[0.1], [0.9]], MIDDLE, at_most=2)
+def test_where_no_policy_is_often_in_the_band_the_one_that_is_most_often_stands_for_it() -> None:
+    never, once = [0.0, 0.0, 0.9], [0.0, 0.4, 0.7]
+    assert pick([never, once], MIDDLE, at_most=2) == [1]
+
+
+@pytest.mark.parametrize("measured", [[[0.1], [0.9]], [[0.0, 0.8], [0.9]]])
+def test_a_tier_without_a_policy_is_refused(measured: list[list[float]]) -> None:
+    with pytest.raises(NotFoundError, match=r"tier 25-50: .* 0\.25 to 0\.50, .* among 2;"):
+        pick(measured, MIDDLE, at_most=2)
 
 
 def test_an_episode_on_the_edge_of_two_bands_belongs_to_the_upper_one() -> None:

@@ -31,14 +31,16 @@ before the action; `reward` is R after it."""
 
 def racetrack_card(name: str, collected: Collected, *, command: str) -> str:
     """Return the card; command is the line that makes the dataset again."""
-    settings = collected.settings
+    settings, (slow, fast) = collected.settings, START_SPEEDS
     libraries = ", ".join(f"{library} {version(library)}" for library in _LIBRARIES)
     return f"""# {name}
 
 Driving demonstrations after the protocol of the SSIL paper (Lee et al.): a trained PPO driver and
 under-trained ones on highway-env's `{HIGHWAY_IDS[settings.track]}`, which stands for TORCS.
 
-- Made by `{command}` with {libraries}. Same seed, same versions, same kind of machine: same data.
+- Made by `{command}`
+  with {libraries}.
+  Same seed, same versions, same kind of machine: same data.
 - {settings.labeled:,} labeled expert pairs, {settings.unlabeled:,} unlabeled expert pairs and
   {settings.unlabeled:,} unlabeled negative pairs, a third from each tier.
 - Licence: Apache-2.0; simulated by this project, nothing recorded from others.
@@ -59,18 +61,18 @@ expert's mean return, which is {collected.expert_return:,.0f}.
 ## How it was made
 
 - Simulator: one car, {SIMULATION_HZ} Hz simulation, {POLICY_HZ} Hz decisions, speeds 0–20 m/s.
-  An episode starts anywhere on the lap in the middle of a lane at {START_SPEEDS[0]:.0f}–\
-{START_SPEEDS[1]:.0f} m/s; it ends beyond the
-  edge of the road and is cut off after {settings.episode_steps:,} steps.
+  An episode starts anywhere on the lap, in the middle of a lane, at {slow:.0f}–{fast:.0f} m/s; it
+  ends beyond the edge of the road and is cut off after {settings.episode_steps:,} steps.
 - R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ, speeds in m/s, d the offset in 5 m.
 - Drivers: {_training(settings)}
 - Actions: every driver acts by the mean of its policy plus normal noise of deviation
-  {settings.tremble:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
+  {settings.tremble:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart, and
+  enough for the expert to cover the road around its line as people do.
 - The expert is the checkpoint of its run with the highest mean return over {settings.measure}
   episodes. A checkpoint of the other runs stands for a tier if its mean score over
-  {settings.measure} episodes and at least half of those episodes lie in the band; at most
-  {settings.policies} stand for one tier, spread evenly over the mean scores found. They drive in
-  turns, and an episode is kept if its own score lies in the band.
+  {settings.measure} episodes and half of those episodes (or as many as the best such checkpoint
+  has) lie in the band; at most {settings.policies} stand for one tier, spread evenly over the mean
+  scores found. They drive in turns, and an episode is kept if its own score lies in the band.
 - Labeled episodes are the first {settings.segment} pairs of different expert episodes; no labeled
   episode is unlabeled elsewhere. `ending` is "cut" where an episode was cut to fit the counts.
 
@@ -103,15 +105,16 @@ def _measured(taken: Sequence[Taken]) -> str:
 
 def _training(settings: RacetrackSettings) -> str:
     return (
-        f"one expert run ({_run(settings.expert)}), {settings.runs} under-trained runs\n"
-        f"  ({_run(settings.under_trained)}), stable-baselines3's PPO on the reward R."
+        f"stable-baselines3's PPO on the reward R.\n"
+        f"  One expert run: {_run(settings.expert)}.\n"
+        f"  {settings.runs} under-trained runs: {_run(settings.under_trained)}."
     )
 
 
 def _run(ppo: PPOSettings) -> str:
     return (
         f"{ppo.steps:,} steps, learning rate {ppo.learning_rate:g}, "
-        f"checkpoint every {ppo.keep_every * ppo.rollout * ppo.environments:,}"
+        f"a checkpoint every {ppo.keep_every * ppo.rollout * ppo.environments:,}"
     )
 
 

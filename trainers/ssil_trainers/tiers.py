@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ssil_data.errors import NotFoundError
 
@@ -33,23 +33,20 @@ def pick(measured: Sequence[ArrayLike], band: Band, *, at_most: int) -> list[int
     """Return which policies stand for a band: at most `at_most`, spread evenly over their means.
 
     measured holds the episode scores of each policy. Its mean must lie in the band, and so must
-    at least half of its episodes: a driver that crashes at once or finishes has a middling mean
-    but no middling episode. Raises NotFoundError if there is none.
+    half of its episodes, or as many as any such policy manages: a driver that crashes at once or
+    finishes has a middling mean but no middling episode. Raises NotFoundError if there is none.
     """
     scores = [np.asarray(of_policy, dtype=np.float64) for of_policy in measured]
-    fit = [row for row, of_policy in enumerate(scores) if _belongs(of_policy, band)]
-    if not fit:
-        means = ", ".join(f"{of_policy.mean():.2f}" for of_policy in scores)
+    middling = [row for row, of_policy in enumerate(scores) if of_policy.mean() in band]
+    inside = {row: np.mean([score in band for score in scores[row]]) for row in middling}
+    enough = min(0.5, max(inside.values(), default=0.0))
+    if not enough:
         raise NotFoundError(
-            f"policy of tier {band.tier}: expected one whose mean and half of whose episodes "
-            f"score from {band.low:.2f} to {band.high:.2f}, found none among the means [{means}]; "
-            "train more runs or take another seed"
+            f"policy of tier {band.tier}: expected one with a mean and an episode from "
+            f"{band.low:.2f} to {band.high:.2f}, found {len(middling)} with the mean and none "
+            f"with an episode among {len(scores)}; train more runs or take another seed"
         )
+    fit = [row for row in middling if inside[row] >= enough]
     fit.sort(key=lambda row: scores[row].mean())
     places = np.linspace(0, len(fit) - 1, min(at_most, len(fit)))
     return [fit[round(place)] for place in places]
-
-
-def _belongs(scores: NDArray[np.float64], band: Band) -> bool:
-    inside = sum(score in band for score in scores)
-    return scores.mean() in band and 2 * inside >= len(scores)
