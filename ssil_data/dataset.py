@@ -80,6 +80,20 @@ class Dataset:
         names = json.dumps([self.state_names, self.action_names])
         return hashlib.sha256("\n".join([names, *files]).encode()).hexdigest()[:16]
 
+    def checksums(self) -> str:
+        """Return the version and the files with their digests, as a section of a card."""
+        files = {"pairs": self._files, "episodes": self._episodes.files()}
+        rows = [
+            f"| {table} | {file.rows:,} | `{file.digest}` |"
+            for table, listed in files.items()
+            for file in listed
+        ]
+        head = (
+            f"## Files\n\nVersion `{self.version}`. The digest, half a SHA-256, is a file's name; "
+            "`ssil-data validate` compares them.\n\n| table | rows | digest |\n|---|---|---|\n"
+        )
+        return head + "\n".join(rows) + "\n"
+
     @property
     def versions(self) -> list[str]:
         """The fingerprints of all versions up to this one, which is the last."""

@@ -59,7 +59,8 @@ class Store:
     ) -> Dataset:
         """Write a new dataset; it appears whole, at the end, or not at all.
 
-        On disk it is built in a hidden folder and renamed. Raises ConflictError if the name is
+        On disk it is built in a hidden folder and renamed. The files' checksums are added to the
+        card. Raises ConflictError if the name is
         taken, InvalidInputError for episodes of another width or none.
         """
         taken = ConflictError(
@@ -75,8 +76,8 @@ class Store:
             Table.create(built / "pairs", pairs_schema(state_names, action_names))
             Table.create(built / "episodes", EPISODES)
             runs.create(built)
-            Dataset(built).append(episodes)
-            built.write(CARD, card.encode())
+            dataset = Dataset(built).append(episodes)
+            built.write(CARD, f"{card.rstrip()}\n\n{dataset.checksums()}".encode())
             if built is hidden and not hidden.rename(final):
                 raise taken
         except BaseException:

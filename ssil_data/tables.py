@@ -40,6 +40,11 @@ class DataFile:
     last: int
     first_step: int
 
+    @property
+    def digest(self) -> str:
+        """The digest of the file's bytes, which is its name."""
+        return Path(self.path).stem.removeprefix("part-")
+
 
 class Table:
     """A table whose rows are ordered by episode and step; a snapshot, taken when it was opened."""
@@ -56,9 +61,10 @@ class Table:
 
     @classmethod
     def create(cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()) -> Table:
-        """Create an empty table."""
+        """Create an empty table, whose log does not tell where on the machine it was created."""
         folder.make()
         DeltaTable.create(folder.uri, Schema.from_arrow(schema), partition_by=list(partition))
+        _forget_location(folder / "_delta_log")
         table = cls(folder)
         table._sync_log(0)
         return table
@@ -146,13 +152,14 @@ class Table:
         """Read every file and name those whose bytes do not have the digest in their name."""
         damaged = []
         for file in self.files():
-            digest = Path(file.path).stem.removeprefix("part-")
             try:
                 found = _digest(self.folder.read(file.path))
             except NotFoundError:
                 found = "no file"
-            if found != digest:
-                damaged.append(f"{self.folder.uri}/{file.path}: expected {digest}, found {found}")
+            if found != file.digest:
+                damaged.append(
+                    f"{self.folder.uri}/{file.path}: expected {file.digest}, found {found}"
+                )
         return damaged
 
     def _write(self, rows: pa.Table, partition: Mapping[str, str]) -> AddAction:
@@ -211,6 +218,14 @@ def _gathered(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
         gathered.append(chunk)
     if gathered:
         yield pa.concat_tables(gathered)
+
+
+def _forget_location(log: Folder) -> None:
+    """Take out of a new log's first entry where on the machine the table was created."""
+    name = f"{0:020d}.json"
+    entries = [json.loads(line) for line in log.read(name).splitlines()]
+    entries[0]["commitInfo"]["operationParameters"].pop("location", None)
+    log.write(name, "\n".join(map(json.dumps, entries)).encode())
 
 
 def _set_torn_entry_aside(folder: Folder) -> None:

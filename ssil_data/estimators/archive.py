@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def load(data: bytes) -> Fitted:
     try:
         tensors = load_tensors(data)
         description = json.loads(_metadata(data)[_METADATA])
-        settings = description["settings"]
+        settings = dict(description["settings"])
     except (SafetensorError, ValueError, LookupError, TypeError) as error:
         raise DamagedError(f"estimator: expected safetensors as dumped, found {error}") from None
     settings = from_json(settings)
@@ -81,8 +81,7 @@ def load(data: bytes) -> Fitted:
             raise DamagedError(f"estimator: expected finite float32 in {name}, found otherwise")
     try:
         widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
-        parts = _parts(_FITTED[settings.kind], tensors)
-        return _FITTED[settings.kind](settings=settings, **widths, **parts)
+        return _nested(_FITTED[settings.kind], tensors, settings=settings, **widths)
     except (LookupError, TypeError, ValueError) as error:
         raise DamagedError(f"{settings.kind}: expected arrays that fit, found {error}") from None
 
@@ -94,26 +93,32 @@ def _metadata(data: bytes) -> dict[str, str]:
 
 
 def _flat(part: Any) -> dict[str, NDArray]:
-    """Name the arrays of a dataclass whose fields are arrays or dataclasses of arrays."""
+    """Name the arrays in arrays, tuples and dataclasses of arrays by their dotted paths."""
     if isinstance(part, np.ndarray):
-        return {"": np.ascontiguousarray(part)}
-    names = [field.name for field in fields(part) if field.name not in _PLAIN]
+        return {"": np.asarray(part, order="C")}
+    if isinstance(part, tuple):
+        children = {str(index): child for index, child in enumerate(part)}
+    else:
+        names = [field.name for field in fields(part) if field.name not in _PLAIN]
+        children = {name: getattr(part, name) for name in names}
     return {
-        f"{name}.{inner}".rstrip("."): array
-        for name in names
-        for inner, array in _flat(getattr(part, name)).items()
+        f"{name}.{path}".rstrip("."): array
+        for name, child in children.items()
+        for path, array in _flat(child).items()
     }
 
 
-def _parts(kind: type, tensors: Mapping[str, NDArray]) -> dict[str, Any]:
-    """Undo `_flat` for the fields of a dataclass."""
+def _nested(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
+    """Undo `_flat` for a part of a type, some of whose fields are known."""
+    if get_origin(kind) is np.ndarray:
+        return tensors[""]
+    children: dict[str, dict[str, NDArray]] = {}
+    for path, array in tensors.items():
+        name, _, rest = path.partition(".")
+        children.setdefault(name, {})[rest] = array
+    if get_origin(kind) is tuple:
+        element, _ = get_args(kind)
+        return tuple(_nested(element, children[str(index)]) for index in range(len(children)))
     hints = get_type_hints(kind)
-    parts: dict[str, Any] = {}
-    for name in (field.name for field in fields(kind) if field.name not in _PLAIN):
-        inside = {
-            inner.removeprefix(f"{name}."): array
-            for inner, array in tensors.items()
-            if inner.startswith(f"{name}.")
-        }
-        parts[name] = hints[name](**_parts(hints[name], inside)) if inside else tensors[name]
-    return parts
+    names = [field.name for field in fields(kind) if field.name not in known]
+    return kind(**known, **{name: _nested(hints[name], children[name]) for name in names})

@@ -32,7 +32,19 @@ def test_a_dataset_gives_back_what_it_was_given(dataset: Dataset):
     assert [row["score"] for row in described] == [e.score for e in given]
     assert [row["tier"] for row in described] == [e.tier for e in given]
     assert dataset.state_names == list(STATE_NAMES)
-    assert dataset.card == "# Drives"
+    assert dataset.card.startswith("# Drives\n")
+
+
+def test_a_dataset_does_not_tell_where_it_was_made(dataset: Dataset):
+    place = str(local(dataset).parent).encode()
+    assert not any(place in path.read_bytes() for path in local(dataset).rglob("*.*"))
+
+
+def test_the_card_ends_with_the_digest_of_every_file(dataset: Dataset):
+    names = {path.stem.removeprefix("part-") for path in local(dataset).rglob("part-*.parquet")}
+    assert len(names) == 2
+    assert all(f"`{name}`" in dataset.card for name in names)
+    assert f"Version `{dataset.version}`" in dataset.card
 
 
 def test_batches_of_any_size_join_to_the_same_pairs(dataset: Dataset):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Lock
 
 import numpy as np
 import torch
@@ -12,12 +13,15 @@ from torch import Tensor, nn
 
 from ssil_data.estimators.perceptron import Perceptron
 
+_ONE_AT_A_TIME = Lock()
+"""The random state and the thread count are the process's: fits of several threads take turns."""
+
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
     """Seed torch and use one thread inside: faster on small steps, and sums keep their order."""
-    threads = torch.get_num_threads()
-    with torch.random.fork_rng(devices=[]):
+    with _ONE_AT_A_TIME, torch.random.fork_rng(devices=[]):
+        threads = torch.get_num_threads()
         torch.manual_seed(seed)
         torch.set_num_threads(1)
         try:

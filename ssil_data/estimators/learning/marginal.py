@@ -33,8 +33,8 @@ class _Process(gpytorch.models.ExactGP):
         return MultivariateNormal(x.new_zeros(covariance.shape[:-1]), covariance)
 
 
-def learn(states: NDArray[np.float32], actions: NDArray[np.float32], settings: GPR) -> Kernel:
-    """Maximise the marginal likelihood of standardised pairs over the kernel, by L-BFGS.
+def learn(states: NDArray[np.float32], actions: NDArray[np.float32], settings: GPR) -> list[Kernel]:
+    """Maximise the marginal likelihood of standardised pairs over the kernels, by L-BFGS.
 
     Exact, so n³ a step; in float64, where a Cholesky factor of close neighbours survives.
     """
@@ -59,8 +59,10 @@ def learn(states: NDArray[np.float32], actions: NDArray[np.float32], settings: G
         gpytorch.settings.max_cholesky_size(len(x) + 1),
     ):
         descent.step(loss)
-    return Kernel(
-        lengthscale=process.rbf.lengthscale.detach().squeeze(1).float().numpy(),
-        signal=process.kernel.outputscale.detach().float().numpy(),
-        noise=likelihood.noise.detach().squeeze(1).float().numpy(),
+    columns = (
+        process.rbf.lengthscale.squeeze(1),
+        process.kernel.outputscale,
+        likelihood.noise.squeeze(1),
     )
+    arrays = (column.detach().float().numpy() for column in columns)
+    return [Kernel(*map(np.asarray, each)) for each in zip(*arrays, strict=True)]

@@ -49,7 +49,13 @@ def random() -> Pairs:
     return steered(2, noise=3.0)
 
 
-@pytest.fixture(scope="session", params=EVERY, ids=repr)
+NAMES = [
+    f"{each.kind} with surprisal" if getattr(each, "surprisal", False) else each.kind
+    for each in EVERY
+]
+
+
+@pytest.fixture(scope="session", params=EVERY, ids=NAMES)
 def estimator(request: pytest.FixtureRequest) -> Estimator:
     """Each estimator in turn."""
     return request.param

@@ -105,9 +105,9 @@ def changed(fitted: Fitted, name: str, change: Callable[[np.ndarray], np.ndarray
     "change",
     [
         lambda array: None,
-        lambda array: array[:-1],
+        lambda array: array.reshape(-1)[:-1],
         lambda array: array.astype(np.float64),
-        lambda array: array * np.float32(np.nan),
+        lambda array: np.full_like(array, np.nan),
         lambda array: array[None],
     ],
     ids=["missing", "shorter", "float64", "NaN", "of another dimension"],

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -36,6 +37,15 @@ def test_fitting_leaves_torch_as_it_was(estimator: Estimator, expert: Pairs):
     estimator.fit(expert[:50], seed=3)
     assert torch.equal(torch.get_rng_state(), state)
     assert torch.get_num_threads() == threads
+
+
+def test_fits_in_several_threads_do_not_disturb_each_other(estimator: Estimator, expert: Pairs):
+    few = expert[:60]
+    alone = dump(estimator.fit(few, seed=0))
+    with ThreadPoolExecutor() as threads:
+        fits = [threads.submit(estimator.fit, few, seed=seed) for seed in (0, 1, 0)]
+        first, _, third = (dump(fit.result()) for fit in fits)
+    assert first == third == alone
 
 
 def test_random_pairs_are_stranger_than_expert_pairs(

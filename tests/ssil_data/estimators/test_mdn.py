@@ -68,7 +68,7 @@ def test_two_habits_of_the_expert_become_two_components():
     assert isinstance(fitted, FittedMDN)
     parts = fitted.uncertainty(pairs).parts
     assert parts["epistemic"].mean() == pytest.approx(1, abs=0.1)
-    assert parts["aleatoric"].mean() < 0.1
+    assert parts["aleatoric"].mean() < 0.2
     undecided = Pairs(states, 0 * side, pairs.episode, pairs.step)
     assert fitted.uncertainty(undecided).total.min() > fitted.uncertainty(pairs).total.mean() + 2
 
