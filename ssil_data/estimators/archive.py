@@ -30,6 +30,7 @@ _FITTED: dict[str, type[Fitted]] = {
 }
 _PLAIN = [field.name for field in fields(Fitted)]
 _METADATA = "estimator"
+_MALFORMED = (ArithmeticError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def to_json(estimator: Estimator) -> dict[str, Any]:
@@ -73,7 +74,7 @@ def load(data: bytes) -> Fitted:
         tensors = load_tensors(data)
         description = json.loads(_metadata(data)[_METADATA])
         settings = dict(description["settings"])
-    except (SafetensorError, ValueError, LookupError, TypeError) as error:
+    except (SafetensorError, *_MALFORMED) as error:
         raise DamagedError(f"estimator: expected safetensors as dumped, found {error}") from None
     settings = from_json(settings)
     for name, tensor in tensors.items():
@@ -82,7 +83,7 @@ def load(data: bytes) -> Fitted:
     try:
         widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
         return _nested(_FITTED[settings.kind], tensors, settings=settings, **widths)
-    except (LookupError, TypeError, ValueError) as error:
+    except _MALFORMED as error:
         raise DamagedError(f"{settings.kind}: expected arrays that fit, found {error}") from None
 
 

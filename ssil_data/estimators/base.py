@@ -86,10 +86,12 @@ def expect(name: str, found: object, expected: object) -> None:
         raise InvalidInputError(f"{name}: expected {expected}, found {found}")
 
 
-def labeled_enough(labeled: Pairs) -> None:
-    """Raise InvalidInputError if there is nothing to fit to."""
+def refuse_unfit(labeled: Pairs, seed: int) -> None:
+    """Raise InvalidInputError if there is nothing to fit to, or the seed is none."""
     if len(labeled) < 2:
         raise InvalidInputError(f"labeled: expected at least 2 pairs, found {len(labeled)}")
+    if not 0 <= seed < 2**63:
+        raise InvalidInputError(f"seed: expected a number from 0 to 2^63 - 1, found {seed}")
 
 
 def in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:

@@ -23,7 +23,7 @@ from ssil_data.estimators.base import (
     Uncertainty,
     expect,
     in_blocks,
-    labeled_enough,
+    refuse_unfit,
 )
 from ssil_data.features import Standardiser
 
@@ -31,7 +31,7 @@ NEGLIGIBLE = 1e-2
 """Share of the noise variance that the posterior may lose anywhere; on data it loses far less."""
 
 JITTER = 1e-8
-"""Share of the signal variance added to inducing points, which may lie on top of each other."""
+"""Share of the signal variance added to λ: states may lie on top of each other."""
 
 FAINTEST = -30.0
 """Least exponent of the kernel: nothing to float32, and products do not slow down as denormals."""
@@ -43,8 +43,10 @@ class GPR(Estimator):
 
     The kernel is learned from `learn_on` pairs drawn by the seed; the posterior is exact up to
     `inducing` labeled pairs, beyond which that many of them, drawn too, are inducing points.
-    `noise_floor` is the least noise variance, as a share of the action's variance.
-    `surprisal`: −log p(a | s) instead of the deviation; it may be negative.
+    `steps` of L-BFGS are few on purpose: the lengthscales overfit soon. `noise_floor` is the least
+    noise variance, as a share of the action's variance. `surprisal`: −log p(a | s) of the
+    standardised action, in nats, instead of the deviation (an extension of the paper); it may be
+    negative.
     """
 
     kind: ClassVar[str] = "gpr"
@@ -58,7 +60,7 @@ class GPR(Estimator):
         """Fit to the labeled pairs, standardised by their own mean and deviation."""
         from ssil_data.estimators.learning import marginal
 
-        labeled_enough(labeled)
+        refuse_unfit(labeled, seed)
         states, actions = Standardiser.of(labeled.states), Standardiser.of(labeled.actions)
         x, y = states(labeled.states), actions(labeled.actions)
         order = np.random.default_rng(seed).permutation(len(x))

@@ -1,4 +1,8 @@
-"""MDN: a pair is strange where a mixture of experts' actions is wide or divided."""
+"""MDN: a pair is strange where a mixture of experts' actions is wide or divided.
+
+Both depend on the state alone, and the network learns them only where experts have been: a wrong
+action in a familiar state looks perfect, and so may an unfamiliar state. `surprisal` judges actions.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from ssil_data.estimators.base import (
     Uncertainty,
     expect,
     in_blocks,
-    labeled_enough,
+    refuse_unfit,
 )
 from ssil_data.estimators.perceptron import Perceptron
 from ssil_data.features import Standardiser
@@ -25,8 +29,9 @@ from ssil_data.features import Standardiser
 class MDN(Estimator):
     """Mixture density network, state → mixture of `components` normal actions.
 
-    `floor` is the least variance of a component, as a share of the action's variance.
-    `surprisal`: −log p(a | s) instead of the variances; it may be negative.
+    `floor` is the least variance of a component, as a share of the action's variance; `hidden`,
+    `steps`, `batch` and `rate` are as in the VAE. `surprisal`: −log p(a | s) of the standardised
+    action, in nats, instead of the variances (an extension of the paper); it may be negative.
     """
 
     kind: ClassVar[str] = "mdn"
@@ -42,7 +47,7 @@ class MDN(Estimator):
         """Fit to the labeled pairs, standardised by their own mean and deviation."""
         from ssil_data.estimators.learning import mixture
 
-        labeled_enough(labeled)
+        refuse_unfit(labeled, seed)
         states, actions = Standardiser.of(labeled.states), Standardiser.of(labeled.actions)
         return FittedMDN(
             settings=self,
@@ -114,9 +119,8 @@ class FittedMDN(Fitted):
         def judge(states: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.float32]:
             mixture = self.mixture(states)
             parts = mixture.aleatoric(), mixture.epistemic()
-            total = (
-                mixture.surprisal(self.actions(actions)) if self.settings.surprisal else sum(parts)
-            )
+            judged = self.settings.surprisal
+            total = mixture.surprisal(self.actions(actions)) if judged else sum(parts)
             return np.column_stack([total, *parts])
 
         total, aleatoric, epistemic = in_blocks(judge, pairs.states, pairs.actions).T.copy()

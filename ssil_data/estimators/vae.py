@@ -15,7 +15,7 @@ from ssil_data.estimators.base import (
     Uncertainty,
     expect,
     in_blocks,
-    labeled_enough,
+    refuse_unfit,
 )
 from ssil_data.estimators.perceptron import Perceptron
 from ssil_data.features import Standardiser, windows
@@ -23,7 +23,12 @@ from ssil_data.features import Standardiser, windows
 
 @dataclass(frozen=True)
 class AutoencoderSettings(Estimator):
-    """What VAE and windowVAE have in common; they differ in the steps they see at once."""
+    """What VAE and windowVAE have in common; they differ in the steps they see at once.
+
+    `latent` is a ceiling: dimensions that tell less than they cost, weighed by `beta`, fall silent.
+    With `beta` 1 the loss is the plain evidence lower bound. `hidden` is the width of the one
+    hidden layer on either side; `steps` of Adam see `batch` rows each, at a `rate` falling to 0.
+    """
 
     window: ClassVar[int]
     latent: int = 8
@@ -37,7 +42,7 @@ class AutoencoderSettings(Estimator):
         """Fit to the labeled states, standardised by their own mean and deviation."""
         from ssil_data.estimators.learning import autoencoder
 
-        labeled_enough(labeled)
+        refuse_unfit(labeled, seed)
         inputs = seen(labeled, self.window)
         standardiser = Standardiser.of(inputs)
         encoder, decoder = autoencoder.learn(standardiser(inputs), self, seed=seed)
@@ -53,10 +58,7 @@ class AutoencoderSettings(Estimator):
 
 @dataclass(frozen=True)
 class VAE(AutoencoderSettings):
-    """Variational autoencoder of single states; β weighs the divergence against the error.
-
-    `latent` is a ceiling: with β = 1 the dimensions that tell less than they cost fall silent.
-    """
+    """Variational autoencoder of single states."""
 
     kind: ClassVar[str] = "vae"
     window: ClassVar[int] = 1

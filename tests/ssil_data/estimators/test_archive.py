@@ -83,6 +83,34 @@ def test_safetensors_of_another_program_are_refused():
         load(save_tensors({"weight": np.ones(3, np.float32)}))
 
 
+@pytest.mark.parametrize(
+    "description",
+    ["", "[]", "1", '"a"', "{}", '{"settings": 1}', "[" * 100_000],
+)
+def test_a_malformed_description_is_refused(description: str):
+    with pytest.raises(DamagedError, match="expected safetensors as dumped"):
+        load(save_tensors({}, metadata={"estimator": description}))
+
+
+@pytest.mark.parametrize("width", ["Infinity", "null", '"a"', "-1", "1e400", "{}"])
+def test_a_malformed_width_is_refused(width: str):
+    description = f'{{"settings": {{"kind": "vae"}}, "state_width": {width}, "action_width": 1}}'
+    with pytest.raises(DamagedError, match="vae: expected arrays that fit"):
+        load(save_tensors({}, metadata={"estimator": description}))
+
+
+def test_an_archive_of_an_unknown_kind_is_refused():
+    description = '{"settings": {"kind": "forest"}, "state_width": 1, "action_width": 1}'
+    with pytest.raises(InvalidInputError, match="expected one of .* found 'forest'"):
+        load(save_tensors({}, metadata={"estimator": description}))
+
+
+def test_numbers_of_another_type_are_refused():
+    header = b'{"a":{"dtype":"BF16","shape":[1],"data_offsets":[0,2]}}'
+    with pytest.raises(DamagedError):
+        load(len(header).to_bytes(8, "little") + header + b"\0\0")
+
+
 def test_a_cut_archive_is_refused(fitted: Fitted):
     data = dump(fitted)
     for length in (7, 100, len(data) // 2, len(data) - 1):

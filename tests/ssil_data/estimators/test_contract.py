@@ -120,6 +120,12 @@ def test_fewer_than_two_labeled_pairs_are_refused(estimator: Estimator, expert: 
         estimator.fit(expert[:count], seed=0)
 
 
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_number_that_is_no_seed_is_refused(estimator: Estimator, expert: Pairs, seed: int):
+    with pytest.raises(InvalidInputError, match=f"seed: expected .* found {seed}"):
+        estimator.fit(expert, seed=seed)
+
+
 @pytest.mark.parametrize("count", [2, 5])
 def test_very_few_labeled_pairs_are_enough(estimator: Estimator, expert: Pairs, count: int):
     fitted = estimator.fit(expert[:count], seed=0)
