@@ -1,11 +1,7 @@
 """GPR: a pair is strange where a Gaussian process of experts' actions is unsure.
 
-The posterior of one action dimension at a state s, given n labeled pairs (X, y) and m inducing
-states Z (Titsias, 2009; with Z = X it is the exact posterior):
-
-    k = kernel(Z, s),  kernel(Z, Z) = U diag(λ) Uᵀ,  P = U diag(λ)^-½,  G = kernel(X, Z) P
-    GᵀG / noise = V diag(γ) Vᵀ,  φ = (P V diag(γ / (1 + γ))^½)ᵀ k
-    variance(s) = signal − ‖φ‖²,  mean(s) = φ · (diag(γ (1 + γ))^-½ Vᵀ Gᵀ y / noise)
+The posterior of one action dimension at a state s is kept as features of s, φ = rootᵀ kernel(Z, s),
+where Z are labeled states: variance(s) = signal − ‖φ‖², mean(s) = φ · coefficients.
 """
 
 from __future__ import annotations
@@ -26,12 +22,6 @@ from ssil_data.estimators.base import (
     refuse_unfit,
 )
 from ssil_data.features import Standardiser
-
-NEGLIGIBLE = 1e-2
-"""Share of the noise variance that the posterior may lose anywhere; on data it loses far less."""
-
-JITTER = 1e-8
-"""Share of the signal variance added to λ: states may lie on top of each other."""
 
 FAINTEST = -30.0
 """Least exponent of the kernel: nothing to float32, and products do not slow down as denormals."""
@@ -58,7 +48,7 @@ class GPR(Estimator):
 
     def fit(self, labeled: Pairs, *, seed: int) -> FittedGPR:
         """Fit to the labeled pairs, standardised by their own mean and deviation."""
-        from ssil_data.estimators.learning import marginal
+        from ssil_data.estimators.learning import marginal, posterior
 
         refuse_unfit(labeled, seed)
         states, actions = Standardiser.of(labeled.states), Standardiser.of(labeled.actions)
@@ -66,7 +56,7 @@ class GPR(Estimator):
         order = np.random.default_rng(seed).permutation(len(x))
         some, inducing = np.sort(order[: self.learn_on]), np.sort(order[: self.inducing])
         kernels = marginal.learn(x[some], y[some], self)
-        processes = (condition(k, x[inducing], x, y[:, i]) for i, k in enumerate(kernels))
+        targets = zip(kernels, y.T, strict=True)
         return FittedGPR(
             settings=self,
             state_width=x.shape[1],
@@ -74,7 +64,7 @@ class GPR(Estimator):
             states=states,
             actions=actions,
             inducing=x[inducing],
-            processes=tuple(processes),
+            processes=tuple(posterior.condition(k, x[inducing], x, each) for k, each in targets),
         )
 
 
@@ -107,7 +97,9 @@ class Process:
     root: NDArray[np.float32]
     coefficients: NDArray[np.float32]
 
-    def __call__(self, x: NDArray[np.float32], inducing: NDArray[np.float32]) -> tuple:
+    def __call__(
+        self, x: NDArray[np.float32], inducing: NDArray[np.float32]
+    ) -> tuple[NDArray, NDArray]:
         """Return mean and variance (n,) at standardised states x (n, d)."""
         known = self.kernel(x, inducing) @ self.root
         variance = self.kernel.signal - np.square(known).sum(axis=1)
@@ -164,24 +156,3 @@ class FittedGPR(Fitted):
         total, epistemic = in_blocks(judge, pairs.states, pairs.actions).T.copy()
         aleatoric = np.full_like(epistemic, np.sqrt(self.noise.sum()))
         return Uncertainty(total, {"aleatoric": aleatoric, "epistemic": epistemic})
-
-
-def condition(
-    kernel: Kernel, inducing: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]
-) -> Process:
-    """Condition on states x (n, d) and one action dimension y (n,), all standardised.
-
-    Since φᵢ² ≤ signal · γᵢ / (1 + γᵢ), dimensions of φ that together stay below `NEGLIGIBLE` are
-    left out, often half of them.
-    """
-    signal, noise = float(kernel.signal), float(kernel.noise)
-    some, every = inducing.astype(np.float64), x.astype(np.float64)
-    prior, vectors = np.linalg.eigh(kernel(some, some))
-    p = vectors / np.sqrt(np.maximum(prior, 0) + JITTER * signal)
-    g = kernel(every, some) @ p
-    gain, v = np.linalg.eigh(g.T @ g / noise)
-    kept = signal * np.cumsum(gain / (1 + gain)) > NEGLIGIBLE * noise
-    gain, v = gain[kept], v[:, kept]
-    root = p @ (v * np.sqrt(gain / (1 + gain)))
-    coefficients = v.T @ (g.T @ y) / (noise * np.sqrt(gain * (1 + gain)))
-    return Process(kernel, root.astype(np.float32), coefficients.astype(np.float32))

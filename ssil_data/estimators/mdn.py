@@ -1,7 +1,8 @@
 """MDN: a pair is strange where a mixture of experts' actions is wide or divided.
 
 Both depend on the state alone, and the network learns them only where experts have been: a wrong
-action in a familiar state looks perfect, and so may an unfamiliar state. `surprisal` judges actions.
+action in a familiar state looks perfect, and so may an unfamiliar state. `surprisal` judges the
+action that was taken.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def test_a_malformed_width_is_refused(width: str):
 
 def test_an_archive_of_an_unknown_kind_is_refused():
     description = '{"settings": {"kind": "forest"}, "state_width": 1, "action_width": 1}'
-    with pytest.raises(InvalidInputError, match="expected one of .* found 'forest'"):
+    with pytest.raises(InvalidInputError, match="found 'forest'"):
         load(save_tensors({}, metadata={"estimator": description}))
 
 

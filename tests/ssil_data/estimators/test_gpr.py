@@ -9,7 +9,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import GPR
-from ssil_data.estimators.gpr import JITTER, FittedGPR
+from ssil_data.estimators.gpr import FittedGPR
+from ssil_data.estimators.learning.posterior import JITTER
 
 
 @pytest.fixture(scope="module")
