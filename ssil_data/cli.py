@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -57,7 +58,13 @@ def main(words: Sequence[str] | None = None) -> NoReturn:
             f"{words[0]}: expected the package {missing.name!r}, found none; "
             "pip install 'ssil-data[all]'"
         ) from None
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 1
+    except OSError as error:
+        raise _refusal(str(error)) from None
     except KeyboardInterrupt:
+        print("ssil-data: stopped; nothing unfinished is kept", file=sys.stderr)
         raise SystemExit(130) from None
     raise SystemExit(status or 0)
 

@@ -50,6 +50,11 @@ def _integers(name: str, values: ArrayLike) -> NDArray[np.int64]:
         raise InvalidInputError(
             f"{name}: expected one integer per pair, found {given.dtype} of shape {given.shape}"
         )
+    large = np.flatnonzero(given > np.iinfo(np.int64).max)
+    if len(large):
+        raise InvalidInputError(
+            f"{name}: expected integers below 2**63, found {given[large[0]]} at row {large[0]}"
+        )
     integers = np.array(given, dtype=np.int64)
     integers.flags.writeable = False
     return integers

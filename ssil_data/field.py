@@ -68,8 +68,10 @@ class LeverageField:
         """Return LCoR (equation 5) of states (m, d) in raw units.
 
         With `contributors` > 0 also the states that contributed most. Raises InvalidInputError for
-        another width or non-finite states.
+        another width, non-finite states or negative `contributors`.
         """
+        if contributors < 0:
+            raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
         sums = lcor_sums(
             self._standardised(states),
             self._references,

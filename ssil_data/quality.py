@@ -101,7 +101,8 @@ class _Drives:
 
         def place(tier: str) -> tuple[bool, float, str]:
             number = tier.split("-")[0]
-            return tier == EXPERT, float(number) if number.isdigit() else np.inf, tier
+            numbered = number.isascii() and number.isdecimal()
+            return tier == EXPERT, float(number) if numbered else np.inf, tier
 
         return sorted(known, key=place)
 

@@ -65,8 +65,8 @@ class Runs:
     def all(self) -> list[Run]:
         """List the runs of every version of the dataset, oldest first."""
         table = self._table()
-        names = {file.partition["run"] for file in table.files()}
-        return sorted((self._record(table, name) for name in names), key=lambda run: run.created)
+        records = (self._record(table, name) for name in self.names())
+        return sorted(records, key=lambda run: run.created)
 
     def __iter__(self) -> Iterator[Run]:
         """Go through the runs of this version, oldest first."""
@@ -74,17 +74,25 @@ class Runs:
 
     def __getitem__(self, name: str) -> Run:
         """Open a run; raises NotFoundError, or ConflictError if it is another version's."""
-        table = self._table()
-        if table.claimed(_claim(checked_name("run", name))) is None:
-            have = ", ".join(run.run for run in self.all()) or "none"
-            raise NotFoundError(f"run of {self._dataset}: expected one of [{have}], found {name!r}")
-        run = self._record(table, name)
+        run = self.of_any_version(name)
         if run.dataset_version != self._version:
             raise ConflictError(
                 f"run {name!r}: expected one made from version {self._version} of "
                 f"{self._dataset}, found version {run.dataset_version}; score this version"
             )
         return run
+
+    def names(self) -> list[str]:
+        """List the names of the runs of every version."""
+        return sorted({file.partition["run"] for file in self._table().files()})
+
+    def of_any_version(self, name: str) -> Run:
+        """Open a run whose model is to be used, not its values; raises NotFoundError."""
+        table = self._table()
+        if table.claimed(_claim(checked_name("run", name))) is None:
+            have = ", ".join(self.names()) or "none"
+            raise NotFoundError(f"run of {self._dataset}: expected one of [{have}], found {name!r}")
+        return self._record(table, name)
 
     def values(self, name: str) -> pa.Table:
         """Read a run's values in the order of the pairs; columns as in `rows.VALUES`."""
@@ -110,7 +118,10 @@ class Runs:
     def check_unused(self, name: str) -> None:
         """Raise ConflictError if a run of that name exists."""
         if self.unused(name) != name:
-            raise ConflictError(f"run of {self._dataset}: expected an unused name, found {name!r}")
+            raise self._taken(name)
+
+    def _taken(self, name: str) -> ConflictError:
+        return ConflictError(f"run of {self._dataset}: expected an unused name, found {name!r}")
 
     def commit(self, run: Run, model: bytes, values: Iterable[pa.Table]) -> None:
         """Write a run: its model and settings first, then its values in one commit, which shows it.
@@ -119,7 +130,8 @@ class Runs:
         Raises ConflictError if the name is taken, or taken by another writer meanwhile.
         """
         table = self._table()
-        self.check_unused(run.run)
+        if table.claimed(_claim(checked_name("run", run.run))) is not None:
+            raise self._taken(run.run)
         settings = json.dumps(asdict(run), indent=1, sort_keys=True).encode()
         identity = digest(settings)
         models = self._models(run.run)
@@ -132,7 +144,7 @@ class Runs:
         """Read all files of all runs and say which are not as they were written."""
         table = self._table()
         found = table.damaged()
-        for name in sorted({file.partition["run"] for file in table.files()}):
+        for name in self.names():
             try:
                 self.model(self._record(table, name))
             except (DamagedError, NotFoundError) as error:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ssil_data import leverage as scales
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Pairs
-from ssil_data.errors import InvalidInputError
+from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import ESTIMATORS, MDN, Estimator, Fitted, dump, from_json, load, to_json
 from ssil_data.features import Standardiser
 from ssil_data.field import auto_alpha
@@ -90,8 +90,12 @@ class LeverageModel:
 
     @classmethod
     def of(cls, dataset: Dataset, run: str) -> LeverageModel:
-        """Load the model of a run; raises NotFoundError or DamagedError."""
-        record = dataset.runs[run]
+        """Load the model of a run of any version; raises NotFoundError or DamagedError."""
+        return cls.of_record(dataset, dataset.runs.of_any_version(run))
+
+    @classmethod
+    def of_record(cls, dataset: Dataset, record: Run) -> LeverageModel:
+        """Load the model of an opened run of a dataset; raises DamagedError."""
         return cls(load(dataset.runs.model(record)), scales.from_json(record.fitted_scale))
 
     def __call__(self, pairs: Pairs) -> Scored:
@@ -118,8 +122,8 @@ def score(
     """
     begin = time.perf_counter()
     scale = Quantile() if scale is None else scale
-    name = dataset.runs.unused(estimator.kind) if run is None else run
-    dataset.runs.check_unused(name)
+    if run is not None:
+        dataset.runs.check_unused(run)
     report = progress or _silent
     labeled, held_out = dataset.labeled(), None
     if isinstance(scale, Conformal):
@@ -129,7 +133,7 @@ def score(
     report("fit", 1, 1)
     residuals = None if held_out is None else fitted.uncertainty(held_out).total
     recipe = Recipe(estimator, scale, labeled_is_one)
-    job = _Job(dataset, recipe, fitted, name, seed, begin, report)
+    job = _Job(dataset, recipe, fitted, run, seed, begin, report)
     return job.commit(partial(scale.fit, held_out_labeled_uncertainty=residuals))
 
 
@@ -146,13 +150,13 @@ def rescore(
     The other run may be another dataset's or another version's of the same widths.
     """
     begin = time.perf_counter()
-    record = source.runs[source_run]
-    model = LeverageModel.of(source, source_run)
-    name = dataset.runs.unused(model.estimator.settings.kind) if run is None else run
-    dataset.runs.check_unused(name)
+    record = source.runs.of_any_version(source_run)
+    model = LeverageModel.of_record(source, record)
+    if run is not None:
+        dataset.runs.check_unused(run)
     estimator, scale = from_json(record.estimator), scales.settings_from_json(record.scale)
     recipe = Recipe(estimator, scale, record.labeled_is_one)
-    job = _Job(dataset, recipe, model.estimator, name, record.seed, begin, progress or _silent)
+    job = _Job(dataset, recipe, model.estimator, run, record.seed, begin, progress or _silent)
     return job.commit(lambda uncertainty: model.scale)
 
 
@@ -180,7 +184,7 @@ class _Job:
     dataset: Dataset
     recipe: Recipe
     fitted: Fitted
-    name: str
+    name: str | None
     seed: int
     begin: float
     report: Progress
@@ -200,13 +204,22 @@ class _Job:
             leverage[self.dataset.per_pair("labeled").astype(bool)] = 1.0
         model = dump(self.fitted)
         record = self._record(streamed, scale, digest(model))
-        self.dataset.runs.commit(record, model, self._values(streamed, leverage))
-        return record
+        while True:
+            try:
+                self.dataset.runs.commit(record, model, self._values(streamed, leverage))
+                return record
+            except ConflictError:
+                if self.name is not None:
+                    raise
+            record = replace(record, run=self._free_name())
+
+    def _free_name(self) -> str:
+        return self.name or self.dataset.runs.unused(self.recipe.estimator.kind)
 
     def _record(self, streamed: Streamed, scale: FittedScale, model: str) -> Run:
         standardiser = Standardiser.of_moments(streamed.mean, streamed.variance)
         return Run(
-            run=self.name,
+            run=self._free_name(),
             dataset=self.dataset.name,
             dataset_version=self.dataset.version,
             estimator=to_json(self.recipe.estimator),

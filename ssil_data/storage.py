@@ -6,6 +6,8 @@ import os
 import re
 import secrets
 from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import pyarrow as pa
 from pyarrow import fs
@@ -42,14 +44,30 @@ class Folder:
 
     def __init__(self, location: str | Path) -> None:
         """Point at `location`; nothing is created before the first write."""
-        if "://" in str(location):
-            self.uri = str(location).rstrip("/")
-            self._files, self._path = fs.FileSystem.from_uri(self.uri)
-            self.local: Path | None = None
-        else:
-            self.local = Path(location).absolute()
+        self.local: Path | None = None
+        place = urlsplit(str(location))
+        if "://" not in str(location) or place.scheme == "file":
+            path = url2pathname(place.path) if place.scheme == "file" else location
+            if "%" in str(path):
+                raise InvalidInputError(
+                    f"store: expected a path without '%', which Delta Lake decodes, found {path}"
+                )
+            self.local = Path(path).absolute()
             self.uri = self._path = str(self.local)
             self._files = fs.LocalFileSystem()
+            return
+        self.uri = str(location).rstrip("/")
+        try:
+            self._files, self._path = fs.FileSystem.from_uri(self.uri)
+        except (pa.ArrowException, OSError) as error:
+            raise InvalidInputError(
+                f"store: expected a folder or s3://bucket/prefix, found {location} ({error})"
+            ) from None
+
+    @property
+    def delta_uri(self) -> str:
+        """The location in the form in which Delta Lake takes any character."""
+        return self.uri if self.local is None else self.local.as_uri()
 
     def __truediv__(self, name: str) -> Folder:
         """Return a folder below this one."""

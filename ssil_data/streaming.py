@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.demonstrations import Pairs, joined
+from ssil_data.errors import DamagedError
 from ssil_data.estimators import Fitted
 
 SAMPLE = 4096
@@ -31,16 +32,20 @@ def stream(
 ) -> Streamed:
     """Ask a fitted estimator about `count` pairs, batch by batch; `seen` hears how many are done.
 
-    Memory: 4 bytes a pair, and 4 for each part, beside one batch.
+    Memory: 4 bytes a pair, and 4 for each part, beside one batch. Raises DamagedError where there
+    are fewer or more pairs.
     """
     uncertainty = np.empty(count, np.float32)
     parts: dict[str, NDArray[np.float32]] = {}
     moments, sample, done = _Moments(), [], 0
+    rows = slice(0, 0)
     stride = max(1, count // SAMPLE)
     for batch, inner in with_margins(batches, fitted.margin):
         answer = fitted.uncertainty(batch)
         states = batch.states[inner]
         rows = slice(done, done + len(states))
+        if rows.stop > count:
+            break
         uncertainty[rows] = answer.total[inner]
         for name, values in answer.parts.items():
             parts.setdefault(name, np.empty(count, np.float32))[rows] = values[inner]
@@ -48,6 +53,8 @@ def stream(
         sample.append(states[-done % stride :: stride])
         done = rows.stop
         seen(done)
+    if rows.stop != count:
+        raise DamagedError(f"pairs: expected {count} as logged, found {rows.stop} or more")
     return Streamed(uncertainty, parts, moments.mean, moments.variance, np.concatenate(sample))
 
 
@@ -91,8 +98,9 @@ class _Moments:
 
     def add(self, rows: NDArray[np.float32]) -> None:
         values = rows.astype(np.float64)
-        mean = values.mean(axis=0)
-        squares = np.square(values - mean).sum(axis=0)
+        mean = np.ones(len(values)) @ values / len(values)
+        values -= mean
+        squares = np.einsum("nd,nd->d", values, values)
         if not self.count:
             self.count, self.mean, self._squares = len(values), mean, squares
             return

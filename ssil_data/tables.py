@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Schema, Transaction
-from deltalake.exceptions import CommitFailedError, TableNotFoundError
+from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundError
 from deltalake.transaction import AddAction, RemoveAction
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
@@ -24,6 +26,9 @@ from ssil_data.storage import Folder, sync
 
 FILE_BYTES = 64 * 2**20
 """A Parquet file is closed when it holds this much Arrow data: the memory that a writer needs."""
+
+_ADDED = "ssilDataAdded"
+"""Key of the commit's first line that says how many files it adds."""
 
 BATCH_ROWS = 16_384
 """Rows that a reader of a whole table holds at once."""
@@ -54,19 +59,21 @@ class Table:
         self.folder = folder
         _set_torn_entry_aside(folder)
         try:
-            self.delta = DeltaTable(folder.uri, version=version)
+            self.delta = DeltaTable(folder.delta_uri, version=version)
         except TableNotFoundError:
             raise NotFoundError(f"table: expected one at {folder.uri}, found none") from None
+        except DeltaError as error:
+            raise DamagedError(f"{folder.uri}: expected a whole log, found {error}") from None
         self.schema = pa.schema(self.delta.schema().to_arrow())
 
     @classmethod
     def create(cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()) -> Table:
         """Create an empty table, whose log does not tell where on the machine it was created."""
         folder.make()
-        DeltaTable.create(folder.uri, Schema.from_arrow(schema), partition_by=list(partition))
+        DeltaTable.create(folder.delta_uri, Schema.from_arrow(schema), partition_by=list(partition))
         _forget_location(folder / "_delta_log")
         table = cls(folder)
-        table._sync_log(0)
+        table._sync_log()
         return table
 
     @property
@@ -115,21 +122,23 @@ class Table:
         actions: list[AddAction | RemoveAction] = [
             self._write(chunk, partition) for chunk in _gathered(chunks)
         ]
-        before = self.version
         try:
             self.delta.create_write_transaction(
                 actions,
                 mode="append",
                 schema=self.delta.schema(),
                 partition_by=self.partition_columns,
-                commit_properties=CommitProperties(app_transactions=[Transaction(*claim)]),
+                commit_properties=CommitProperties(
+                    custom_metadata={_ADDED: len(actions)},
+                    app_transactions=[Transaction(*claim)],
+                ),
             )
         except CommitFailedError as error:
             raise ConflictError(
                 f"{claim[0]}: expected to be alone, found another writer of the same name ({error})"
             ) from None
-        self.delta = DeltaTable(self.folder.uri)
-        self._sync_log(before + 1)
+        self.delta.update_incremental()
+        self._sync_log()
 
     def batches(
         self, files: Iterable[DataFile], columns: Sequence[str], *, rows: int = BATCH_ROWS
@@ -149,18 +158,18 @@ class Table:
                 raise DamagedError(str(error)) from None
 
     def damaged(self) -> list[str]:
-        """Read every file and name those whose bytes do not have the digest in their name."""
-        damaged = []
-        for file in self.files():
-            try:
-                found = _digest(self.folder.read(file.path))
-            except NotFoundError:
-                found = "no file"
-            if found != file.digest:
-                damaged.append(
-                    f"{self.folder.uri}/{file.path}: expected {file.digest}, found {found}"
-                )
-        return damaged
+        """Read every file and name those that are not what their name and the log say."""
+        return [f"{self.folder.uri}/{f.path}: {d}" for f in self.files() if (d := self._damage(f))]
+
+    def _damage(self, file: DataFile) -> str:
+        try:
+            data = self.folder.read(file.path)
+        except NotFoundError:
+            return "expected a file, found no file"
+        if _digest(data) != file.digest:
+            return f"expected {file.digest}, found {_digest(data)}"
+        rows = pq.read_metadata(pa.BufferReader(data)).num_rows
+        return "" if rows == file.rows else f"expected {file.rows} rows as logged, found {rows}"
 
     def _write(self, rows: pa.Table, partition: Mapping[str, str]) -> AddAction:
         wanted = [field for field in self.schema if field.name not in partition]
@@ -178,13 +187,13 @@ class Table:
         size, now = len(memoryview(data)), int(time.time() * 1000)
         return AddAction(f"{prefix}{name}", size, dict(partition), now, True, _statistics(rows))
 
-    def _sync_log(self, first: int) -> None:
+    def _sync_log(self) -> None:
+        """Sync the whole log: an entry stands on those before it, whoever wrote them."""
         if self.folder.local is None:
             return
         log = self.folder.local / "_delta_log"
         for entry in log.iterdir():
-            number = entry.name.split(".")[0]
-            if entry.name == "_last_checkpoint" or (number.isdigit() and int(number) >= first):
+            with suppress(FileNotFoundError):
                 sync(entry)
         sync(log)
         sync(self.folder.local)
@@ -211,11 +220,13 @@ def _statistics(rows: pa.Table) -> str:
 def _gathered(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
     """Join small chunks into tables of about FILE_BYTES."""
     gathered: list[pa.Table] = []
+    size = 0
     for chunk in chunks:
-        if gathered and sum(part.nbytes for part in gathered) + chunk.nbytes > FILE_BYTES:
+        if gathered and size + chunk.nbytes > FILE_BYTES:
             yield pa.concat_tables(gathered)
-            gathered = []
+            gathered, size = [], 0
         gathered.append(chunk)
+        size += chunk.nbytes
     if gathered:
         yield pa.concat_tables(gathered)
 
@@ -229,17 +240,45 @@ def _forget_location(log: Folder) -> None:
 
 
 def _set_torn_entry_aside(folder: Folder) -> None:
-    """Rename the newest log entry if it is empty or cut off: it was never acknowledged."""
-    if folder.local is None:
+    """Rename the newest log entry if it is empty or cut off: it was never acknowledged.
+
+    Judged and renamed under a lock, so that nobody renames the whole entry that took its place.
+    """
+    if folder.local is None or _newest_torn(folder.local) is None:
         return
-    entries = sorted((folder.local / "_delta_log").glob("[0-9]*.json"))
-    if not entries:
-        return
+    import fcntl  # a power cut on a system without it is left to be reported as damage
+
+    lock = os.open(folder.local / "_delta_log", os.O_RDONLY)
     try:
-        lines = entries[-1].read_text().splitlines()
-        if lines and all(json.loads(line) for line in lines):
-            return
-    except ValueError:
-        pass
-    entries[-1].rename(entries[-1].with_suffix(".torn"))
-    sync(entries[-1].parent)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        torn = _newest_torn(folder.local)
+        if torn is not None:
+            torn.rename(torn.with_suffix(".torn"))
+            os.fsync(lock)
+    except OSError as error:
+        raise DamagedError(
+            f"{folder.uri}: expected a whole newest log entry, found one cut off that cannot be "
+            f"set aside ({error})"
+        ) from None
+    finally:
+        os.close(lock)
+
+
+def _newest_torn(folder: Path) -> Path | None:
+    entries = sorted((folder / "_delta_log").glob("[0-9]*.json"))
+    return entries[-1] if entries and not _whole(entries[-1]) else None
+
+
+def _whole(entry: Path) -> bool:
+    """Tell whether all lines of a log entry are JSON and as many as its writer promised."""
+    try:
+        actions = [json.loads(line) for line in entry.read_text().splitlines()]
+        added = actions[0].get("commitInfo", {}).get(_ADDED) if actions else None
+    except (ValueError, AttributeError):
+        return False
+    except FileNotFoundError:
+        return True
+    kinds = [kind for action in actions for kind in action]
+    return bool(actions) and (
+        added is None or (kinds.count("add"), kinds.count("txn")) == (added, 1)
+    )

@@ -1,5 +1,6 @@
 """Demonstrations for every test: small ones made here, real ones where they are present."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from ssil_data.demonstrations import Episode
 from ssil_data.store import Store
 
-SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+SHARED_DATA = Path(
+    os.environ.get("SSIL_TEST_DATA") or Path(__file__).parents[2] / "shared" / "data"
+)
 STATE_NAMES = ("distance", "speed", "heading")
 ACTION_NAMES = ("throttle", "steering")
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
 from ssil_data.dataset import Dataset
+from ssil_data.errors import DamagedError, InvalidInputError
 from ssil_data.interop import Columns, Imported, Layout, imported, read_columns
 
 _Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
@@ -45,7 +46,7 @@ def import_file(
 ) -> None:
     """Import demonstrations from an npz, CSV or Parquet file as a new dataset.
 
-    Columns of the names states, actions, episode, step, reward, position, score, tier and labeled
+    Columns of the names states, actions, episode, reward, position, score, tier and labeled
     are found without being named. Everything is checked before anything is written.
 
     Parameters
@@ -91,7 +92,7 @@ def import_file(
     found = imported(columns, layout)
     store = place.open()
     if append:
-        dataset = store[name].append(found.episodes)
+        dataset = _checked_names(store[name], found).append(found.episodes)
     else:
         dataset = store.create(
             name,
@@ -119,14 +120,18 @@ def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False)
     name:
         The dataset.
     """
-    dataset = place.open()[name]
-    damaged = dataset.damaged()
+    store, version = place.open(), None
+    try:
+        dataset = store[name]
+        version, damaged = dataset.version, dataset.damaged()
+    except DamagedError as error:
+        damaged = [str(error)]
     if json:
-        print_json({"dataset": name, "version": dataset.version, "damaged": damaged})
+        print_json({"dataset": name, "version": version, "damaged": damaged})
     elif damaged:
         print("\n".join(damaged))
     else:
-        print(f"{name} {dataset.version}: every file is as it was written")
+        print(f"{name} {version}: every file is as it was written")
     return 1 if damaged else 0
 
 
@@ -139,8 +144,21 @@ def _summary(dataset: Dataset) -> dict[str, str | int]:
         "labeled": int(dataset.per_pair("labeled").sum()),
         "state": len(dataset.state_names),
         "action": len(dataset.action_names),
-        "runs": len(list(dataset.runs)),
+        "runs": len(dataset.runs.names()),
     }
+
+
+def _checked_names(dataset: Dataset, found: Imported) -> Dataset:
+    """Return the dataset if the dimensions to be added have its names, in its order."""
+    for kind, names, have in (
+        ("state", found.state_names, dataset.state_names),
+        ("action", found.action_names, dataset.action_names),
+    ):
+        if list(names) != have:
+            raise InvalidInputError(
+                f"{kind} of {dataset.name}: expected {have} as in the dataset, found {list(names)}"
+            )
+    return dataset
 
 
 def _card(name: str, columns: Columns, found: Imported) -> str:

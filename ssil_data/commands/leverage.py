@@ -38,10 +38,10 @@ def score(
     /,
     *,
     estimator: Kind | None = None,
-    preset: Literal["default", "paper"] = "default",
+    preset: Literal["default", "paper"] | None = None,
     scale: Literal["quantile", "minmax", "conformal"] | None = None,
     surprisal: bool | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     run: str | None = None,
     fitted: str | None = None,
     place: StorePlace = Place(),  # noqa: B008
@@ -56,13 +56,13 @@ def score(
     estimator:
         vae and windowvae judge states, mdn and gpr the actions expected in them.
     preset:
-        `paper` has the paper's choices, `default` the best ones measured.
+        `paper` has the paper's choices, `default` the best ones measured. [default: default]
     scale:
         How uncertainty becomes leverage, instead of the preset's.
     surprisal:
         mdn and gpr: judge the action that was taken, instead of the preset's choice.
     seed:
-        Same seed, same machine, same leverage.
+        Same seed, same machine, same leverage. [default: 0]
     run:
         Name of the run; the estimator's name, numbered, unless given.
     fitted:
@@ -71,21 +71,28 @@ def score(
     dataset = place.open()[name]
     with progress() as report:
         if fitted is not None:
-            if estimator is not None:
-                raise InvalidInputError("score: expected --estimator or --fitted, found both")
+            fitting = {"estimator": estimator, "preset": preset, "scale": scale}
+            fitting |= {"surprisal": surprisal, "seed": seed}
+            given = [f"--{name}" for name, value in fitting.items() if value is not None]
+            if given:
+                raise InvalidInputError(
+                    f"score: expected --fitted alone, since nothing is fitted, found {given}"
+                )
             source, _, source_run = fitted.rpartition("/")
             other = place.open()[source] if source else dataset
             record = rescore(dataset, other, source_run, run=run, progress=report)
         elif estimator is None:
             raise InvalidInputError("score: expected --estimator or --fitted, found neither")
         else:
-            recipe = recipe_of(preset, estimator).with_options(scale=scale, surprisal=surprisal)
+            recipe = recipe_of(preset or "default", estimator).with_options(
+                scale=scale, surprisal=surprisal
+            )
             record = score_dataset(
                 dataset,
                 recipe.estimator,
                 scale=recipe.scale,
                 labeled_is_one=recipe.labeled_is_one,
-                seed=seed,
+                seed=seed or 0,
                 run=run,
                 progress=report,
             )
@@ -206,9 +213,10 @@ def _alpha(text: str | None) -> float | None:
     if text is None or text == "auto":
         return None
     try:
-        return checked_alpha(float(text))
+        number = float(text)
     except ValueError:
         raise InvalidInputError(f'alpha: expected a number > 0 or "auto", found {text}') from None
+    return checked_alpha(number)
 
 
 def _summary(run: Run) -> dict[str, Any]:
@@ -227,25 +235,38 @@ def _summary(run: Run) -> dict[str, Any]:
 
 
 def _judged(dataset: Dataset, run: Run) -> dict[str, Any]:
+    leverage = dataset.leverage(run.run)
+    labeled = dataset.per_pair("labeled").astype(bool)
+    parts = {"labeled": leverage[labeled], "unlabeled": leverage[~labeled]}
     return {
         "run": run.run,
         "estimator": run.estimator["kind"],
         "preset": run.preset,
-        **asdict(quality(dataset, dataset.leverage(run.run))),
+        "mean_leverage": {k: float(v.mean()) if len(v) else None for k, v in parts.items()},
+        **asdict(quality(dataset, leverage)),
     }
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    return {
+    made = {
         "run": row["run"],
         "estimator": row["estimator"],
         "preset": row["preset"] or "own",
-        **row["mean_leverage_by_tier"],
+    }
+    ranks = {
         "AUROC": row["auroc"],
         "AUROC, length-matched": row["auroc_length_matched"],
         "Spearman": row["spearman"],
         "Spearman, given length": row["spearman_given_length"],
     }
+    tiers: dict[str, Any] = {}
+    means = row["mean_leverage_by_tier"] or row["mean_leverage"]
+    for tier, mean in means.items():
+        column = tier
+        while column in {**made, **ranks, **tiers}:
+            column = f"tier {column}"
+        tiers[column] = mean
+    return {**made, **tiers, **ranks}
 
 
 def _contributors(dataset: Dataset, answer: LCoR) -> list[list[dict[str, Any]]]:

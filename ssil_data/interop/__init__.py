@@ -1,6 +1,7 @@
 """Foreign files as demonstrations; each format is one module that reads named columns."""
 
-from ssil_data.interop.columns import Columns, Imported, Layout, imported
+from ssil_data.interop.columns import Columns, Layout
+from ssil_data.interop.episodes import Imported, imported
 from ssil_data.interop.files import SUFFIXES, read_columns, read_states
 
 __all__ = [

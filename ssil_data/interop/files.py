@@ -44,9 +44,10 @@ def read_states(path: Path, names: list[str]) -> NDArray[np.float32]:
     there are d of them. Raises InvalidInputError.
     """
     columns = read_columns(path)
-    if all(name in columns for name in names):
+    known = columns.names
+    if all(name in known for name in names):
         chosen = names
     else:
-        chosen = next(([name] for name in ("states", "state") if name in columns), list(columns))
-    stacked = np.column_stack([columns.numbers(name) for name in chosen])
-    return finite_matrix(f"{path}: {', '.join(chosen[:3])}", stacked, width=len(names))
+        chosen = next(([name] for name in ("states", "state") if name in known), known)
+    states, _ = columns.matrix(chosen)
+    return finite_matrix(f"{path}: {', '.join(chosen[:3])}", states, width=len(names))

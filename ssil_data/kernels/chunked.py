@@ -25,14 +25,23 @@ def lcor_sums(
     """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1.
 
     States and queries are standardised already; leverage is (n,). Distances are float32, sums
-    float64; a block holds 64 × 8,192 distances.
+    float64; a block holds 64 × 8,192 distances, or 64 × contributors where they are more. With
+    fewer states than contributors, all states contribute.
     """
+    block = max(_STATES, contributors)
     columns = [
         reduce(
             add,
             (
-                _block(rows, first, states, leverage, alpha=alpha, contributors=contributors)
-                for first in range(0, len(states), _STATES)
+                _block(
+                    rows,
+                    slice(first, first + block),
+                    states,
+                    leverage,
+                    alpha=alpha,
+                    contributors=contributors,
+                )
+                for first in range(0, len(states), block)
             ),
         )
         for rows in np.split(queries, range(_QUERIES, len(queries), _QUERIES))
@@ -42,14 +51,13 @@ def lcor_sums(
 
 def _block(
     queries: NDArray[np.float32],
-    first: int,
+    chosen: slice,
     states: NDArray[np.float32],
     leverage: NDArray[np.float32],
     *,
     alpha: float,
     contributors: int,
 ) -> Sums:
-    chosen = slice(first, first + _STATES)
     distance = torch.cdist(_tensor(queries), _tensor(states[chosen]), p=1.0)
     log_kernel = torch.log1p(distance.double() / alpha) * (-(alpha + 1) / 2)
     log_scale = log_kernel.max(dim=1).values
@@ -60,7 +68,7 @@ def _block(
         denominator=weights.sum(dim=1).numpy(),
         squares=(weights * weights).sum(dim=1).numpy(),
         log_scale=log_scale.numpy(),
-        nearest=top.indices.numpy() + first,
+        nearest=top.indices.numpy() + chosen.start,
         nearest_weight=top.values.numpy(),
     )
 

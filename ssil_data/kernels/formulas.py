@@ -21,11 +21,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
 
+LEAST_ALPHA, MOST_ALPHA = 1e-6, 1e8
+"""Between them log k(d) is finite and exact for every distance; beyond, k no longer changes."""
+
 
 def checked_alpha(alpha: float) -> float:
-    """Return a finite α > 0; raises InvalidInputError for anything else."""
+    """Return an α of LEAST_ALPHA to MOST_ALPHA; raises InvalidInputError for anything else."""
     if not (np.isfinite(alpha) and alpha > 0):
         raise InvalidInputError(f"alpha: expected a finite number > 0, found {alpha}")
+    if not LEAST_ALPHA <= alpha <= MOST_ALPHA:
+        raise InvalidInputError(
+            f"alpha: expected a number from {LEAST_ALPHA:g} to {MOST_ALPHA:g}, found {alpha}"
+        )
     return float(alpha)
 
 

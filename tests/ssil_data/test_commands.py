@@ -197,6 +197,14 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
     ask = ("lcor", "drives", "--run", "gpr", "--states")
     cases = {
         "found 'other'": ("show", "other"),
+        "found ['--preset', '--seed']": (
+            *("score", "drives", "--fitted", "gpr", "--preset", "paper", "--seed", 7),
+        ),
+        "expected ['states[0]', 'states[1]', 'states[2]'] as in the dataset": (
+            *("import", drives_file, "--name", "drives", "--append", "--state", "score"),
+        ),
+        "expected a folder or s3://": ("show", "drives", "--store", "foo://bar"),
+        "Not a directory": ("show", "drives", "--store", "/etc/passwd"),
         "dataset name": ("score", "../drives", "--estimator", "vae"),
         "run name": ("score", "drives", "--estimator", "gpr", "--run", "../x"),
         "found neither": ("score", "drives"),
@@ -205,7 +213,12 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
         "row 0, column 'states'[0]": ("import", scored.folder / "bad.npz", "--name", "new"),
         "expected width 3, found 2": (*ask, scored.folder / "narrow.npy"),
         "found nan at row 0": (*ask, scored.folder / "nan.npy"),
-        "expected a number > 0": (*ask, scored.folder / "states.npy", "--alpha", "0"),
+        "expected a finite number > 0, found 0": (
+            *ask,
+            scored.folder / "states.npy",
+            "--alpha",
+            "0",
+        ),
         "found -1": (*ask, scored.folder / "states.npy", "--alpha=-1"),
         "found 'nope'": ("lcor", "drives", "--run", "nope", "--episode", 0),
         "expected 0 to 10": ("lcor", "drives", "--run", "gpr", "--episode", 11),

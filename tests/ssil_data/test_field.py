@@ -1,5 +1,7 @@
 """LCoR and CoR are what their formulas say, however the store is cut."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -141,6 +143,25 @@ def test_more_contributors_than_states_are_all_states():
     assert made(11, 4).lcor(made(12, 2).states, contributors=10).contributors.row.shape == (2, 4)
 
 
+@pytest.mark.parametrize(("wanted", "columns"), [(12_000, 12_000), (30_000, 20_000)])
+def test_contributors_may_be_more_than_a_block_of_states(wanted: int, columns: int):
+    field = made(11, 20_000)
+    states, query = field.standardiser(field.states), field.standardiser(made(12, 1).states)
+    sums = lcor_sums(query, states, field.leverage, alpha=1.0, contributors=wanted)
+    assert sums.nearest.shape == sums.nearest_weight.shape == (1, columns)
+    assert len(set(sums.nearest[0].tolist())) == columns
+    distance = np.abs(states.astype(np.float64) - query).sum(axis=1)
+    weights = np.exp(log_kernel(distance, 1.0) - log_kernel(distance.min(), 1.0))
+    heaviest = np.sort(weights)[::-1][:columns]
+    np.testing.assert_allclose(sums.nearest_weight[0], heaviest, rtol=1e-4)
+
+
+def test_a_negative_number_of_contributors_is_refused():
+    field = made(0, 5)
+    with pytest.raises(InvalidInputError, match="contributors: expected at least 0, found -1"):
+        field.lcor(field.states, contributors=-1)
+
+
 def test_units_do_not_matter():
     field, queries = made(13, 100), made(14, 6).states
     unit = np.array([1e-3, 1, 1e3, 7, 50], np.float32)
@@ -183,6 +204,24 @@ def test_alpha_must_be_positive_and_finite(alpha: float):
         InvalidInputError, match=f"alpha: expected a finite number > 0, found {alpha}"
     ):
         made(0, 5, alpha=alpha)
+
+
+@pytest.mark.parametrize("alpha", [5e-324, 1e-320, 9e-7, 1.1e8, 1e300])
+def test_alpha_at_which_the_kernel_cannot_be_computed_is_refused(alpha: float):
+    message = f"alpha: expected a number from 1e-06 to 1e+08, found {alpha}"
+    with pytest.raises(InvalidInputError, match=re.escape(message)):
+        made(0, 5, alpha=alpha)
+
+
+@pytest.mark.parametrize("alpha", [1e-6, 1e8])
+@pytest.mark.parametrize("far", [0.0, 1.0, 1e30])
+def test_answers_are_finite_at_the_ends_of_alpha(alpha: float, far: float):
+    field = made(0, 50, alpha=alpha)
+    queries = np.concatenate([field.states[:3], np.full((1, 5), far, np.float32)])
+    values = field.lcor(queries).values
+    assert (values >= field.leverage.min() - 1e-6).all()
+    assert (values <= field.leverage.max() + 1e-6).all()
+    assert np.isfinite(field.cor(queries)).all()
 
 
 def test_a_query_of_another_width_or_not_finite_is_refused():

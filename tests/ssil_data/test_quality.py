@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
+from conftest import ACTION_NAMES, STATE_NAMES, drive
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from sklearn.metrics import roc_auc_score
 
+from ssil_data.commands.leverage import show
+from ssil_data.commands.output import Place, print_table
 from ssil_data.dataset import Dataset
+from ssil_data.estimators import GPR
 from ssil_data.quality import auroc, partial_spearman, quality, spearman
+from ssil_data.scoring import score
+from ssil_data.store import Store
 
 values = st.lists(st.integers(0, 20), min_size=3, max_size=60)
 
@@ -58,10 +64,55 @@ def test_length_matching_is_not_fooled_by_leverage_that_grows_with_time(dataset:
     assert judged.auroc_length_matched == pytest.approx(0.5)
 
 
-def test_a_dataset_without_tiers_and_scores_has_no_quality(store):
-    from conftest import ACTION_NAMES, STATE_NAMES, drive
-
+def test_a_dataset_without_tiers_and_scores_has_no_quality(store: Store):
     plain = store.create("plain", [drive(0, 9)], state_names=STATE_NAMES, action_names=ACTION_NAMES)
     judged = quality(plain, np.ones(9, np.float32))
     assert judged.mean_leverage_by_tier == {}
     assert (judged.auroc, judged.spearman, judged.auroc_length_matched) == (None, None, None)
+
+
+def of_tiers(store: Store, *tiers: str) -> Dataset:
+    return store.create(
+        "odd",
+        [drive(0, 30, labeled=True), *(drive(1 + i, 9, tier=tier) for i, tier in enumerate(tiers))],
+        state_names=STATE_NAMES,
+        action_names=ACTION_NAMES,
+    )
+
+
+def test_only_tiers_that_begin_with_a_plain_number_are_ordered_by_it(store: Store):
+    odd = of_tiers(store, "²", "expert", "٣-9", "100", "25-50", "bad", "9-10")
+    judged = quality(odd, np.full(len(odd), 0.5, np.float32))
+    assert list(judged.mean_leverage_by_tier) == [
+        "9-10",
+        "25-50",
+        "100",
+        "bad",
+        "²",
+        "٣-9",
+        "expert",
+    ]
+
+
+def test_text_that_looks_like_markup_is_shown_as_it_is(capsys: pytest.CaptureFixture[str]):
+    print_table("Lap [/x]", [{"[/y]": "[/z]", "[bold]": "[red]car[/red]"}])
+    out = capsys.readouterr().out
+    for text in ("Lap [/x]", "[/y]", "[/z]", "[bold]", "[red]car[/red]"):
+        assert text in out
+
+
+def test_a_tier_of_any_name_has_its_own_column(store: Store, capsys: pytest.CaptureFixture[str]):
+    score(of_tiers(store, "run", "tier run", "AUROC", "[/x]"), GPR(), run="mine")
+    show("odd", place=Place(store.folder.uri))
+    title, _, head, _, row, *_ = capsys.readouterr().out.splitlines()
+    assert title.startswith("Leverage")
+    assert [cell.strip() for cell in head.strip("┃").split("┃")][:7] == [
+        "run",
+        "estimator",
+        "preset",
+        "tier AUROC",
+        "[/x]",
+        "tier run",
+        "tier tier run",
+    ]
+    assert row.strip("│").split("│")[0].strip() == "mine"

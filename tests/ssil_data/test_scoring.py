@@ -71,6 +71,22 @@ def test_a_fitted_model_scores_another_dataset_unchanged(dataset: Dataset, store
     assert again.fitted_scale == run.fitted_scale
 
 
+def test_a_fitted_model_scores_the_next_version_of_its_dataset(dataset: Dataset):
+    run = score(dataset, GPR())
+    newer = dataset.append([drive(99, 7)])
+    again = rescore(newer, newer, run.run)
+    assert (again.run, again.dataset_version, again.pairs) == ("gpr-2", newer.version, 427)
+
+
+def test_runs_without_a_name_that_end_at_once_take_different_ones(dataset: Dataset):
+    def another(what: str, done: int, of: int) -> None:
+        if what == "score" and done == of:
+            score(dataset, GPR())
+
+    assert score(dataset, GPR(), progress=another).run in ("gpr", "gpr-2")
+    assert sorted(dataset.runs.names()) == ["gpr", "gpr-2"]
+
+
 def test_conformal_leverage_of_fresh_expert_pairs_is_near_uniform(store: Store):
     expert = [drive(seed, 80, labeled=seed < 20) for seed in range(60)]
     made = store.create("e", expert, state_names=STATE_NAMES, action_names=ACTION_NAMES)

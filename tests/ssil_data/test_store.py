@@ -1,5 +1,6 @@
 """The store keeps what it was given, shows it whole or not at all, and says what is wrong."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
+from ssil_data.estimators import VAE
+from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_data.tables import Table
 
@@ -85,11 +88,28 @@ def test_any_delta_reader_opens_the_tables(dataset: Dataset):
     assert duckdb.connect().execute(query).fetchall() == [(len(dataset),)]
 
 
-def test_files_have_no_dictionary_for_numbers_and_a_page_checksum(dataset: Dataset):
+def test_files_have_no_dictionary_for_numbers_and_are_compressed(dataset: Dataset):
     (path,) = (local(dataset) / "pairs").glob("*.parquet")
     group = pq.ParquetFile(path).metadata.row_group(0)
     assert all(not group.column(i).has_dictionary_page for i in range(group.num_columns))
     assert {group.column(i).compression for i in range(group.num_columns)} == {"ZSTD"}
+
+
+@pytest.mark.parametrize("column", ["state", "action"])
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75, 1.0])
+def test_a_byte_flipped_within_a_page_fails_its_checksum(
+    dataset: Dataset, column: str, share: float
+):
+    (path,) = (local(dataset) / "pairs").glob("*.parquet")
+    group = pq.ParquetFile(path).metadata.row_group(0)
+    chunks = [group.column(i) for i in range(group.num_columns)]
+    (chunk,) = [chunk for chunk in chunks if chunk.path_in_schema.split(".")[0] == column]
+    flipped = bytearray(path.read_bytes())
+    last = chunk.total_compressed_size - 1
+    flipped[chunk.data_page_offset + int(share * last)] ^= 0xFF
+    path.write_bytes(flipped)
+    with pytest.raises(DamagedError, match=rf"{path.name}.*CRC checksum"):
+        Dataset(dataset.folder).pairs()
 
 
 def test_appending_makes_a_version_and_keeps_the_earlier_one(dataset: Dataset):
@@ -176,6 +196,81 @@ def test_an_entry_that_a_power_cut_left_torn_is_set_aside(dataset: Dataset):
         reopened = Dataset(dataset.folder)
         assert reopened.version == dataset.version
         assert not entry.exists()
+
+
+def test_an_entry_cut_between_two_lines_is_set_aside(dataset: Dataset):
+    newer = dataset.append([drive(99, 7)])
+    entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+    lines = entry.read_text().splitlines()
+    assert len(lines) == 3
+    for kept in (1, 2):
+        entry.write_text("\n".join(lines[:kept]))
+        assert Dataset(dataset.folder).version == dataset.version
+        assert not entry.exists()
+    entry.write_text("\n".join(lines))
+    assert Dataset(dataset.folder).version == newer.version
+
+
+def test_a_torn_entry_is_judged_again_under_the_lock(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+):
+    newer = dataset.append([drive(99, 7)])
+    entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+    judged = iter([entry])
+    monkeypatch.setattr("ssil_data.tables._newest_torn", lambda folder: next(judged, None))
+    assert Dataset(dataset.folder).version == newer.version
+    assert entry.exists()
+
+
+def test_a_broken_entry_in_the_middle_of_the_log_is_damage(dataset: Dataset):
+    dataset.append([drive(99, 7)])
+    (local(dataset) / "pairs" / "_delta_log" / f"{1:020d}.json").write_text("{")
+    with pytest.raises(DamagedError, match="pairs: expected a whole log"):
+        Dataset(dataset.folder)
+
+
+def test_a_log_that_promises_more_rows_than_there_are_is_damage(dataset: Dataset):
+    entry = local(dataset) / "pairs" / "_delta_log" / f"{1:020d}.json"
+    entry.write_text(entry.read_text().replace('\\"numRecords\\": 420', '\\"numRecords\\": 421'))
+    reopened = Dataset(dataset.folder)
+    assert len(reopened) == 421
+    assert "expected 421 rows as logged, found 420" in reopened.damaged()[0]
+    with pytest.raises(DamagedError, match="pairs: expected 421 as logged, found 420"):
+        score(reopened, VAE())
+
+
+def test_a_commit_syncs_data_then_log_then_folders(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+):
+    synced: list[str] = []
+    fsync = os.fsync
+
+    def spy(handle: int) -> None:
+        synced.append(Path(f"/proc/self/fd/{handle}").resolve().name)
+        fsync(handle)
+
+    monkeypatch.setattr("os.fsync", spy)
+    dataset.append([drive(99, 7)])
+    places = [
+        next(i for i, name in enumerate(synced) if name.startswith(wanted))
+        for wanted in (".part-", "pairs", f"{2:020d}.json", "_delta_log")
+    ]
+    assert places == sorted(places)
+    assert synced[-1] == "episodes"
+
+
+def test_a_store_lies_where_any_character_may_be_in_the_path(tmp_path: Path):
+    for place in (tmp_path / "a b#?é", (tmp_path / "by uri").as_uri()):
+        store = Store(place)
+        made = store.create("drives", drives(), state_names=STATE_NAMES, action_names=ACTION_NAMES)
+        assert len(store["drives"]) == len(made.pairs()) == 420
+    assert (tmp_path / "by uri" / "drives").is_dir()
+
+
+def test_a_store_that_cannot_be_is_refused():
+    for place in ("foo://bar", "a%20b"):
+        with pytest.raises(InvalidInputError, match="store: expected a"):
+            Store(place)
 
 
 def test_every_flipped_bit_is_found(dataset: Dataset):

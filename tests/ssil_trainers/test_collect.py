@@ -153,6 +153,27 @@ def test_unlabeled_pairs_that_three_tiers_cannot_share_are_refused() -> None:
         replace(MINIATURE, unlabeled=100)
 
 
+@pytest.mark.parametrize(
+    "name", ["labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps"]
+)
+@pytest.mark.parametrize("count", [0, -3])
+def test_counts_that_are_not_positive_are_refused(name: str, count: int) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{name}: expected at least 1, found {count}$"):
+        replace(MINIATURE, **{name: count})
+
+
+@pytest.mark.parametrize("tremble", [-0.1, np.nan, np.inf])
+def test_a_tremble_that_is_negative_or_not_finite_is_refused(tremble: float) -> None:
+    with pytest.raises(
+        InvalidInputError, match=f"tremble: expected a finite number of at least 0, found {tremble}"
+    ):
+        replace(MINIATURE, tremble=tremble)
+
+
+def test_a_driver_may_have_a_steady_hand() -> None:
+    assert replace(MINIATURE, tremble=0.0).tremble == 0
+
+
 def _parked(name: str) -> Checkpoint:
     """A driver who keeps the wheel and the throttle still."""
     weight = np.zeros((2, len(STATE_NAMES)), dtype=np.float32)

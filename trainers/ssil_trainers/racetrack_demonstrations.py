@@ -19,6 +19,8 @@ from ssil_trainers.tiers import BANDS, EXPERT, pick
 _SEEDS_APART = 1_000_000
 """Episodes of one collection are numbered from its seed times this, so no two share a start."""
 
+_COUNTS = ("labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps")
+
 
 @dataclass(frozen=True)
 class RacetrackSettings:
@@ -79,7 +81,14 @@ class RacetrackSettings:
         return PPOSettings(self.under_trained_steps, self.under_trained_learning_rate)
 
     def __post_init__(self) -> None:
-        """Refuse counts that cannot be shared out."""
+        """Refuse what cannot be collected, before anything is trained."""
+        for name in _COUNTS:
+            if not getattr(self, name) > 0:
+                raise InvalidInputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+        if not 0 <= self.tremble < np.inf:
+            raise InvalidInputError(
+                f"tremble: expected a finite number of at least 0, found {self.tremble}"
+            )
         if self.unlabeled % len(BANDS):
             raise InvalidInputError(
                 f"unlabeled: expected a multiple of {len(BANDS)}, found {self.unlabeled}"

@@ -1,0 +1,64 @@
+"""The committed racetrack demonstrations are the paper's mixture; leverage tells their tiers."""
+
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssil_data.dataset import Dataset
+from ssil_data.quality import Quality, quality
+from ssil_data.scoring import PRESETS, preset, score
+from ssil_data.store import Store
+
+COMMITTED = Path(__file__).parents[2] / "datasets" / "racetrack"
+TIERS = ["0-25", "25-50", "50-75", "expert"]
+
+
+@pytest.fixture
+def racetrack(tmp_path: Path) -> Dataset:
+    shutil.copytree(COMMITTED, tmp_path / "racetrack")
+    return Store(tmp_path)["racetrack"]
+
+
+def judged(dataset: Dataset, kind: str, preset_name: str) -> Quality:
+    recipe = preset(preset_name, kind)
+    run = score(
+        dataset,
+        recipe.estimator,
+        scale=recipe.scale,
+        labeled_is_one=recipe.labeled_is_one,
+        seed=0,
+    )
+    return quality(dataset, dataset.leverage(run.run))
+
+
+def test_the_mixture_is_half_expert_and_half_negative_beside_a_few_labeled_pairs(
+    racetrack: Dataset,
+):
+    labeled, tier = racetrack.per_pair("labeled").astype(bool), racetrack.per_pair("tier")
+    assert set(tier[labeled]) == {"expert"}
+    names, counts = np.unique(tier[~labeled].astype(str), return_counts=True)
+    assert labeled.sum() == 1_200
+    assert dict(zip(names, counts, strict=True)) == {
+        "0-25": 8_000,
+        "25-50": 8_000,
+        "50-75": 8_000,
+        "expert": 24_000,
+    }
+
+
+def test_every_file_has_the_bytes_that_it_was_committed_with(racetrack: Dataset):
+    assert racetrack.damaged() == []
+
+
+@pytest.mark.parametrize("preset_name", PRESETS)
+@pytest.mark.parametrize("kind", ["vae", "windowvae"])
+def test_mean_leverage_rises_with_every_tier(racetrack: Dataset, kind: str, preset_name: str):
+    found = judged(racetrack, kind, preset_name)
+    means = list(found.mean_leverage_by_tier.values())
+    assert list(found.mean_leverage_by_tier) == TIERS
+    assert all(low < high for low, high in pairwise(means)), means
+    assert found.auroc is not None
+    assert found.auroc >= {"vae": 0.5, "windowvae": 0.95}[kind]
