@@ -78,6 +78,7 @@ class Panels:
         """
         offsets = self.values[chosen, : self.width] - query[:, None]
         distance = np.abs(offsets, out=offsets).sum(axis=1).ravel()
-        row = (chosen[:, None] * self.size + np.arange(self.size)).ravel()
-        order = np.lexsort((row, distance))[:count]
-        return row[order] + self.first, distance[order]
+        near = np.flatnonzero(distance <= np.partition(distance, count - 1)[count - 1])
+        row = chosen[near // self.size] * self.size + near % self.size
+        order = np.lexsort((row, distance[near]))[:count]
+        return row[order] + self.first, distance[near[order]]
