@@ -145,9 +145,7 @@ def slow(query: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: flo
 
 def fresh_processes() -> None:
     """Print what a first call costs, in time and in memory beyond the packed store."""
-    print(
-        "\nfirst call in a fresh process, one query: seconds; peak memory of 2,048 over a million, MB"
-    )
+    print("\nfirst call in a fresh process, one query; memory that 2,048 over a million take")
     for alpha in (1.0, 50.0):
         first, _ = fresh(STORE, alpha, 1)
         _, memory = fresh(MILLION, alpha, 2048)

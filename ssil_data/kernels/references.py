@@ -25,7 +25,10 @@ _FLATTEST, _SHARPEST = 1e-3, 1e12
 """Below the first α, float32 does not hold t. From the second on, the kernel is exp(−d/2)."""
 _CANCELLATION = 200.0
 """Distance from the centre, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
-_TILES, _INLINE = 16, 1 << 20
+_TILES, _BRACKETS = 32, 1 << 23
+"""Tiles of queries that pass the references together, and numbers that all threads may hold."""
+_INLINE = 1 << 20
+"""Pairs below which threads are not worth their start."""
 
 
 class References:
@@ -81,17 +84,19 @@ class References:
         """Cut the queries into chunks, the references into shards, and join the sums of each."""
         if len(queries) == 1:
             target = target.for_one_query()
+        if len(queries) * self._panels.count < _INLINE:
+            threads = 1
+        brackets_per_tile = target.tile.queries * len(self._panels.values)
+        tiles = min(_TILES, max(1, _BRACKETS // (threads * brackets_per_tile)))
         far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _CANCELLATION
-        per_chunk, chunks = _TILES * target.tile.queries, []
+        chunks = []
         for direct in (False, True):
             rows = np.flatnonzero(far == direct)
             if len(rows):
                 code = compiled(target, Power.of(alpha), direct=direct)
                 work = ExactSums(code, alpha, contributors)
-                parts = np.split(rows, range(per_chunk, len(rows), per_chunk))
+                parts = _parts(rows, tiles * target.tile.queries, threads)
                 chunks += [(work, part) for part in parts]
-        if len(queries) * self._panels.count < _INLINE:
-            threads = 1
         # shards smaller than `contributors` could not name enough of them
         alone = threads == 1 or contributors > self._panels.size
         shards = self._panels.shards(1 if alone else -(-2 * threads // len(chunks)))
@@ -126,6 +131,12 @@ def _each(task: Callable[..., Sums], arguments: list[tuple], threads: int) -> li
         return list(starmap(task, arguments))
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(task, *zip(*arguments, strict=True)))
+
+
+def _parts(rows: NDArray[np.int64], most: int, threads: int) -> list[NDArray[np.int64]]:
+    """Cut into equal parts of at most `most`; where there are several, as many for each thread."""
+    count = -(-len(rows) // most)
+    return np.array_split(rows, -(-count // threads) * threads if count > 1 else 1)
 
 
 def _centre(states: NDArray[np.float32]) -> NDArray[np.float32]:
