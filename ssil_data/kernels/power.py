@@ -13,7 +13,7 @@ underflow, are 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import Enum
 from typing import Any
 
@@ -21,7 +21,8 @@ import numpy as np
 from llvmlite import ir
 from numpy.polynomial import Chebyshev, Polynomial
 
-FAST = ("fast",)
+from ssil_data.kernels.instructions import FAST, constant, fmuladd, intrinsic
+
 _LEAST = -62.0
 _TWO_THIRDS, _ONE = 0x3F2AAAAB, 0x3F800000
 _ROUNDER = 1.5 * 2.0**23
@@ -50,7 +51,7 @@ class Power(Enum):
         """Return what writes w for a vector of t or u; `exponent` is the vector of p."""
         if self is Power.GENERAL:
             return lambda u: _exp2(b, b.fneg(b.fmul(exponent, _log2_1p(b, u))))
-        one = _constant(exponent.type, 1.0)
+        one = constant(exponent.type, 1.0)
 
         def reciprocal(t: Any) -> Any:
             return b.fdiv(one, t, flags=FAST)
@@ -60,8 +61,8 @@ class Power(Enum):
             return b.fmul(inverse, inverse)
 
         def cubed(t: Any) -> Any:
-            root = intrinsic(b, "sqrt", t, fastmath=("fast",))
-            inverse = b.fdiv(one, root, flags=("fast",))
+            root = intrinsic(b, "sqrt", t, fastmath=FAST)
+            inverse = b.fdiv(one, root, flags=FAST)
             return b.fmul(b.fmul(inverse, inverse), inverse)
 
         return {
@@ -71,36 +72,17 @@ class Power(Enum):
         }[self]
 
 
-def intrinsic(
-    b: ir.IRBuilder, name: str, *operands: Any, result: Any = None, fastmath: Sequence[str] = ()
-) -> Any:
-    """Call LLVM's vector operation `name`; its result is as its last operand unless told."""
-    vector = operands[-1].type
-    full_name = f"llvm.{name}.v{vector.count}f32"
-    function = b.module.globals.get(full_name) or ir.Function(
-        b.module,
-        ir.FunctionType(result or vector, [operand.type for operand in operands]),
-        full_name,
-    )
-    return b.call(function, operands, fastmath=fastmath)
-
-
-def fmuladd(b: ir.IRBuilder, x: Any, y: Any, z: Any) -> Any:
-    """Write x · y + z, fused where the host can."""
-    return intrinsic(b, "fmuladd", x, y, z)
-
-
 def _log2_1p(b: ir.IRBuilder, u: Any) -> Any:
     floats, integers = u.type, ir.VectorType(ir.IntType(32), u.type.count)
-    one = _constant(floats, 1.0)
+    one = constant(floats, 1.0)
     s = b.fadd(one, u)
     rest = b.fsub(u, b.fsub(s, one))
     bits = b.bitcast(s, integers)
-    shift = _constant(integers, 23)
-    e = b.ashr(b.sub(bits, _constant(integers, _TWO_THIRDS)), shift)
+    shift = constant(integers, 23)
+    e = b.ashr(b.sub(bits, constant(integers, _TWO_THIRDS)), shift)
     scaling = b.shl(e, shift)
     m = b.bitcast(b.sub(bits, scaling), floats)
-    inverse = b.bitcast(b.sub(_constant(integers, _ONE), scaling), floats)
+    inverse = b.bitcast(b.sub(constant(integers, _ONE), scaling), floats)
     f = fmuladd(b, rest, inverse, b.fsub(m, one))
     series = _polynomial(b, f, lambda x: np.log1p(x) / x / np.log(2), 1 / 3, 9)
     return fmuladd(b, f, series, b.sitofp(e, floats))
@@ -108,13 +90,13 @@ def _log2_1p(b: ir.IRBuilder, u: Any) -> Any:
 
 def _exp2(b: ir.IRBuilder, y: Any) -> Any:
     floats, integers = y.type, ir.VectorType(ir.IntType(32), y.type.count)
-    rounder, least = _constant(floats, _ROUNDER), _constant(floats, _LEAST)
+    rounder, least = constant(floats, _ROUNDER), constant(floats, _LEAST)
     rounded = b.fadd(y, rounder)
     g = b.fsub(y, b.fsub(rounded, rounder))
     series = _polynomial(b, g, np.exp2, 1 / 2, 6)
-    n = b.shl(b.bitcast(rounded, integers), _constant(integers, 23))
+    n = b.shl(b.bitcast(rounded, integers), constant(integers, 23))
     power = b.bitcast(b.add(b.bitcast(series, integers), n), floats)
-    return b.select(b.fcmp_ordered(">", y, least), power, _constant(floats, 0.0))
+    return b.select(b.fcmp_ordered(">", y, least), power, constant(floats, 0.0))
 
 
 def _polynomial(
@@ -122,15 +104,8 @@ def _polynomial(
 ) -> Any:
     """Write the interpolant of `function` on [−reach, reach] at x, by Horner's rule."""
     fitted = Chebyshev.interpolate(function, degree, domain=(-reach, reach))
-    *lower, total = (_constant(x.type, float(np.float32(c))) for c in _coefficients(fitted))
+    coefficients = fitted.convert(kind=Polynomial, domain=(-1, 1)).coef
+    *lower, total = (constant(x.type, float(np.float32(c))) for c in coefficients)
     for coefficient in reversed(lower):
         total = fmuladd(b, total, x, coefficient)
     return total
-
-
-def _coefficients(fitted: Chebyshev) -> np.ndarray:
-    return fitted.convert(kind=Polynomial, domain=(-1, 1)).coef
-
-
-def _constant(vector: Any, value: float) -> Any:
-    return ir.Constant(vector, [value] * vector.count)

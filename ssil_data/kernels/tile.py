@@ -13,15 +13,26 @@ directly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
 
-from ssil_data.kernels.power import FAST, Power, fmuladd, intrinsic
+from ssil_data.kernels.instructions import (
+    DOUBLE,
+    FAST,
+    FLOAT,
+    INDEX,
+    POINTER,
+    Vectors,
+    at,
+    fmuladd,
+    fold,
+    intrinsic,
+)
+from ssil_data.kernels.power import Power
 
-FLOAT, DOUBLE, INDEX, POINTER = ir.FloatType(), ir.DoubleType(), ir.IntType(64), ir.PointerType()
 BLOCK = 1024
 """References that all queries of a call pass before the next ones: they stay in the cache."""
 
@@ -48,166 +59,111 @@ def emit(tile: Tile, power: Power, *, direct: bool) -> str:
     float64, added to: Σ l w, Σ w, Σ w². nearest (tiles, panels, queries) float32: the smallest
     bracket. Every count is at least 1.
     """
-    module = ir.Module()
     signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 3 + [FLOAT])
-    function = ir.Function(module, signature, "sums")
-    b = ir.IRBuilder(function.append_basic_block())
-    panels, queries, sums, nearest, width, panel_count, tiles, exponent = function.args
-    splat = _Vectors(b, tile.lanes)
-    weight = power(b, splat(exponent))
-    panel_size = b.mul(b.add(width, INDEX(2)), INDEX(tile.references))
-    tile_size = b.mul(b.add(width, INDEX(2)), INDEX(tile.queries))
-    per_block = INDEX(BLOCK // tile.references)
+    function = ir.Function(ir.Module(), signature, "sums")
+    _Sums(ir.IRBuilder(function.append_basic_block()), tile, power, direct=direct).write()
+    return str(function.module)
 
-    def block(index: Any, _: Sequence) -> Sequence:
-        first = b.mul(index, per_block)
-        left = b.sub(panel_count, first)
-        count = b.select(b.icmp_unsigned("<", left, per_block), left, per_block)
+
+class _Sums:
+    """Writes the function's body: blocks of panels, tiles of queries, panels, dimensions."""
+
+    def __init__(self, b: ir.IRBuilder, tile: Tile, power: Power, *, direct: bool) -> None:
+        self.b, self.tile, self.direct = b, tile, direct
+        self.panels, self.queries, self.sums, self.nearest, *rest = b.function.args
+        self.width, self.panel_count, self.tile_count, exponent = rest
+        self.vectors = Vectors(b, tile.lanes)
+        self.weight = power(b, self.vectors(exponent))
+
+    def write(self) -> None:
+        per_block, one = INDEX(BLOCK // self.tile.references), INDEX(1)
+        blocks = self.b.add(self.b.udiv(self.b.sub(self.panel_count, one), per_block), one)
+        fold(self.b, blocks, [], lambda index, _: self.block(self.b.mul(index, per_block)))
+        self.b.ret_void()
+
+    def block(self, first: Any) -> Sequence:
+        """Pass all tiles of queries over the panels from `first` on."""
+        most = INDEX(BLOCK // self.tile.references)
+        left = self.b.sub(self.panel_count, first)
+        count = self.b.select(self.b.icmp_unsigned("<", left, most), left, most)
 
         def of_tile(index: Any, _: Sequence) -> Sequence:
-            query = _at(b, queries, b.mul(index, tile_size))
-            minima = b.add(b.mul(index, panel_count), first)
+            query = self.row_of(self.queries, index, self.tile.queries)
+            start = self.b.add(self.b.mul(index, self.panel_count), first)
 
             def panel(step: Any, totals: Sequence) -> Sequence:
-                reference = _at(b, panels, b.mul(b.add(first, step), panel_size))
-                brackets = _brackets(b, splat, tile, query, reference, width, direct=direct)
-                smallest = _at(b, nearest, b.mul(b.add(minima, step), INDEX(tile.queries)))
-                _store_minima(b, tile, brackets, smallest)
-                return _weighed(b, splat, tile, brackets, query, reference, width, weight, totals)
+                place = self.b.add(first, step)
+                reference = self.row_of(self.panels, place, self.tile.references)
+                brackets = self.brackets(query, reference)
+                self.store_minima(brackets, self.b.add(start, step))
+                return self.weighed(query, reference, brackets, totals)
 
-            zeros = [splat.zero] * (3 * tile.queries)
-            totals = _fold(b, count, zeros, panel)
-            _add_totals(b, totals, _at(b, sums, b.mul(index, INDEX(3 * tile.queries)), DOUBLE))
+            zeros = [self.vectors.zero] * (3 * self.tile.queries)
+            self.add_totals(fold(self.b, count, zeros, panel), index)
             return []
 
-        return _fold(b, tiles, [], of_tile)
+        return fold(self.b, self.tile_count, [], of_tile)
 
-    last = b.sub(panel_count, INDEX(1))
-    _fold(b, b.add(b.udiv(last, per_block), INDEX(1)), [], block)
-    b.ret_void()
-    return str(module)
+    def row_of(self, base: Any, index: Any, columns: int) -> Any:
+        """Write the address of tile or panel `index`, width + 2 rows of `columns` numbers."""
+        size = self.b.mul(self.b.add(self.width, INDEX(2)), INDEX(columns))
+        return at(self.b, base, self.b.mul(index, size))
 
+    def brackets(self, query: Any, reference: Any) -> Sequence:
+        """Accumulate over the dimensions: `vectors` values for each query in turn."""
+        half_sums = self.vectors.row(reference, self.width, self.tile.vectors)
+        start = [self.vectors.zero] * self.tile.vectors if self.direct else list(half_sums)
 
-def _brackets(
-    b: ir.IRBuilder,
-    splat: _Vectors,
-    tile: Tile,
-    query: Any,
-    reference: Any,
-    width: Any,
-    *,
-    direct: bool,
-) -> Sequence:
-    """Accumulate a tile over the dimensions: query-major, `vectors` values per query."""
-    half_sums = splat.row(reference, width, tile.vectors)
-    start = [splat.zero] * tile.vectors if direct else list(half_sums)
+        def dimension(index: Any, sums: Sequence) -> Sequence:
+            theirs = self.vectors.row(reference, index, self.tile.vectors)
+            ours = self.vectors.scalars(query, index, self.tile.queries)
+            terms = [self.term(q, x) for q in ours for x in theirs]
+            return [self.b.fadd(total, term) for total, term in zip(sums, terms, strict=True)]
 
-    def dimension(index: Any, sums: Sequence) -> Sequence:
-        theirs = splat.row(reference, index, tile.vectors)
-        ours = splat.scalars(query, index, tile.queries)
-        pairs = [(q, x) for q in ours for x in theirs]
-        terms = [
-            intrinsic(b, "fabs", b.fsub(q, x))
-            if direct
-            else intrinsic(b, "maxnum", q, x, fastmath=FAST)
-            for q, x in pairs
-        ]
-        return [b.fadd(total, term) for total, term in zip(sums, terms, strict=True)]
+        return fold(self.b, self.width, start * self.tile.queries, dimension)
 
-    return _fold(b, width, start * tile.queries, dimension)
+    def term(self, q: Any, x: Any) -> Any:
+        if self.direct:
+            return intrinsic(self.b, "fabs", self.b.fsub(q, x))
+        return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
 
+    def weighed(self, query: Any, reference: Any, brackets: Sequence, totals: Sequence) -> Sequence:
+        """Add a panel's weights to the totals Σ l w, Σ w, Σ w² of all queries."""
+        factor_row, offset_row = self.width, self.b.add(self.width, INDEX(1))
+        leverage = self.vectors.row(reference, offset_row, self.tile.vectors)
+        factors = self.vectors.scalars(query, factor_row, self.tile.queries)
+        offsets = self.vectors.scalars(query, offset_row, self.tile.queries)
+        added = []
+        for j in range(self.tile.queries):
+            numerator, denominator, squares = totals[j :: self.tile.queries]
+            for bracket, value in zip(self.of_query(brackets, j), leverage, strict=True):
+                w = self.weight(fmuladd(self.b, bracket, factors[j], offsets[j]))
+                numerator = fmuladd(self.b, value, w, numerator)
+                denominator = self.b.fadd(denominator, w)
+                squares = fmuladd(self.b, w, w, squares)
+            added.append((numerator, denominator, squares))
+        return [total for kind in zip(*added, strict=True) for total in kind]
 
-def _weighed(
-    b: ir.IRBuilder,
-    splat: _Vectors,
-    tile: Tile,
-    brackets: Sequence,
-    query: Any,
-    reference: Any,
-    width: Any,
-    weight: Callable[[Any], Any],
-    totals: Sequence,
-) -> Sequence:
-    """Return the totals Σ l w, Σ w, Σ w² of each query with this panel's weights added."""
-    leverage = splat.row(reference, b.add(width, INDEX(1)), tile.vectors)
-    factors = splat.scalars(query, width, tile.queries)
-    offsets = splat.scalars(query, b.add(width, INDEX(1)), tile.queries)
-    added = []
-    for j in range(tile.queries):
-        numerator, denominator, squares = totals[j :: tile.queries]
-        for r in range(tile.vectors):
-            w = weight(fmuladd(b, brackets[j * tile.vectors + r], factors[j], offsets[j]))
-            numerator = fmuladd(b, leverage[r], w, numerator)
-            denominator = b.fadd(denominator, w)
-            squares = fmuladd(b, w, w, squares)
-        added.append((numerator, denominator, squares))
-    return [total for kind in zip(*added, strict=True) for total in kind]
+    def of_query(self, brackets: Sequence, j: int) -> Sequence:
+        return brackets[j * self.tile.vectors : (j + 1) * self.tile.vectors]
 
+    def store_minima(self, brackets: Sequence, place: Any) -> None:
+        """Keep the smallest bracket of each query in this panel."""
+        target = at(self.b, self.nearest, self.b.mul(place, INDEX(self.tile.queries)))
+        for j in range(self.tile.queries):
+            least, *others = self.of_query(brackets, j)
+            for other in others:
+                least = intrinsic(self.b, "minnum", least, other, fastmath=FAST)
+            smallest = intrinsic(self.b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
+            self.b.store(smallest, at(self.b, target, INDEX(j)))
 
-def _store_minima(b: ir.IRBuilder, tile: Tile, brackets: Sequence, target: Any) -> None:
-    for j in range(tile.queries):
-        least, *others = brackets[j * tile.vectors : (j + 1) * tile.vectors]
-        for other in others:
-            least = intrinsic(b, "minnum", least, other, fastmath=FAST)
-        smallest = intrinsic(b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
-        b.store(smallest, _at(b, target, INDEX(j)))
-
-
-def _add_totals(b: ir.IRBuilder, totals: Sequence, target: Any) -> None:
-    for position, total in enumerate(totals):
-        place = _at(b, target, INDEX(position), DOUBLE)
-        partial = intrinsic(
-            b, "vector.reduce.fadd", FLOAT(0.0), total, result=FLOAT, fastmath=("reassoc",)
-        )
-        b.store(b.fadd(b.load(place, typ=DOUBLE), b.fpext(partial, DOUBLE)), place)
-
-
-def _fold(
-    b: ir.IRBuilder, count: Any, carried: Sequence, body: Callable[[Any, Sequence], Sequence]
-) -> Sequence:
-    """Write `for index in range(count): carried = body(index, carried)`; return the last ones."""
-    before, head = b.block, b.append_basic_block()
-    b.branch(head)
-    b.position_at_end(head)
-    phis = [b.phi(value.type) for value in (INDEX(0), *carried)]
-    for phi, value in zip(phis, (INDEX(0), *carried), strict=True):
-        phi.add_incoming(value, before)
-    results = body(phis[0], phis[1:])
-    following = b.add(phis[0], INDEX(1))
-    for phi, value in zip(phis, (following, *results), strict=True):
-        phi.add_incoming(value, b.block)
-    after = b.append_basic_block()
-    b.cbranch(b.icmp_unsigned("<", following, count), head, after)
-    b.position_at_end(after)
-    return results
-
-
-class _Vectors:
-    """Loads and constants of one vector type."""
-
-    def __init__(self, b: ir.IRBuilder, lanes: int) -> None:
-        self.b, self.lanes = b, lanes
-        self.type = ir.VectorType(FLOAT, lanes)
-        self.zero = ir.Constant(self.type, [0.0] * lanes)
-
-    def __call__(self, scalar: Any) -> Any:
-        """Repeat a scalar in every lane."""
-        one = self.b.insert_element(ir.Constant(self.type, ir.Undefined), scalar, ir.IntType(32)(0))
-        lanes = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), [0] * self.lanes)
-        return self.b.shuffle_vector(one, one, lanes)
-
-    def row(self, base: Any, row: Any, count: int) -> Sequence:
-        """Load row `row` of an array with `count` vectors to a row."""
-        start = _at(self.b, base, self.b.mul(row, INDEX(count * self.lanes)))
-        places = [_at(self.b, start, INDEX(i * self.lanes)) for i in range(count)]
-        return [self.b.load(place, typ=self.type, align=4) for place in places]
-
-    def scalars(self, base: Any, row: Any, count: int) -> Sequence:
-        """Load row `row` of an array with `count` numbers to a row, each repeated."""
-        start = _at(self.b, base, self.b.mul(row, INDEX(count)))
-        places = [_at(self.b, start, INDEX(i)) for i in range(count)]
-        return [self(self.b.load(place, typ=FLOAT)) for place in places]
-
-
-def _at(b: ir.IRBuilder, base: Any, index: Any, element: Any = FLOAT) -> Any:
-    return b.gep(base, [index], source_etype=element)
+    def add_totals(self, totals: Sequence, index: Any) -> None:
+        """Add a block's totals to the sums, in float64."""
+        target = at(self.b, self.sums, self.b.mul(index, INDEX(len(totals))), DOUBLE)
+        for position, total in enumerate(totals):
+            place = at(self.b, target, INDEX(position), DOUBLE)
+            partial = intrinsic(
+                self.b, "vector.reduce.fadd", FLOAT(0.0), total, result=FLOAT, fastmath=("reassoc",)
+            )
+            added = self.b.fadd(self.b.load(place, typ=DOUBLE), self.b.fpext(partial, DOUBLE))
+            self.b.store(added, place)
