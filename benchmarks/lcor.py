@@ -1,8 +1,10 @@
 """How fast and how exact is LCoR, beside the machine's floor and beside other libraries?
 
-Medians of interleaved rounds, nanoseconds per pair of a query and a demonstration state. The floor
-is one maximum and one addition per dimension with everything in registers. Peers use one thread
-and answer 64 queries at a time. States are standard normal, leverages uniform.
+Medians of interleaved rounds, nanoseconds of processor time (what one thread takes on a machine of
+its own) per pair of a query and a demonstration state. The floor is one maximum and one addition
+per dimension with everything in registers. Peers use one thread and answer 64 queries at a time.
+Two threads are compared with one by the clock on the wall. States are standard normal, leverages
+uniform.
 """
 
 from __future__ import annotations
@@ -50,16 +52,20 @@ def made(count: int, width: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal((count, width), np.float32)
 
 
-def interleaved(works: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def interleaved(
+    works: Mapping[str, Callable[[], object]],
+    rounds: int = ROUNDS,
+    clock: Callable[[], float] = time.process_time,
+) -> dict[str, float]:
     """Return the median seconds of each; the first, uncounted round compiles and warms up."""
-    times: dict[str, list[float]] = {key: [] for key in works}
+    times: dict[str, list[float]] = {name: [] for name in works}
     for count in range(rounds + 1):
-        for key, work in works.items():
-            begin = time.perf_counter()
+        for name, work in works.items():
+            begin = clock()
             work()
             if count:
-                times[key].append(time.perf_counter() - begin)
-    return {key: statistics.median(values) for key, values in times.items()}
+                times[name].append(clock() - begin)
+    return {name: statistics.median(values) for name, values in times.items()}
 
 
 def peers(floor: Floor) -> None:
@@ -72,24 +78,19 @@ def peers(floor: Floor) -> None:
     rows: dict[str, list[str]] = {}
     for alpha in (1.0, 3.0, auto_alpha(states)):
         works: dict[str, Callable[[], object]] = {
-            f"engine, {n} thread{'s' * (n > 1)}": lambda n=n, alpha=alpha: references.sums(
-                queries, alpha=alpha, threads=n
-            )
-            for n in (1, 2)
+            "engine": lambda alpha=alpha: references.sums(queries, alpha=alpha, threads=1),
+            "floor": lambda: floor(STORE * 64, 29),
         }
         works |= {
             name: lambda peer=peer, alpha=alpha: peer(few, states, leverage, alpha)
             for name, peer in installed().items()
         }
-        works["floor"] = lambda: floor(29)
-        seconds = interleaved(works, ROUNDS)
         each = {
-            name: s * 1e9 / STORE / (2048 if "engine" in name else 64)
-            for name, s in seconds.items()
+            name: seconds * 1e9 / STORE / (2048 if name == "engine" else 64)
+            for name, seconds in interleaved(works).items()
         }
-        each["floor"] = statistics.median(floor(29) for _ in range(ROUNDS))
         for name, value in each.items():
-            ratio = value / each["engine, 1 thread"]
+            ratio = value / each["engine"]
             rows.setdefault(name, []).append(f"{value:>9.2f}{ratio:>8.2f}×")
     for name, cells in rows.items():
         print(f"{name:>20}" + "".join(cells))
@@ -97,8 +98,9 @@ def peers(floor: Floor) -> None:
 
 def sizes(floor: Floor) -> None:
     """Print the engine's time and error over sizes of store, state and batch."""
-    print("\nthe engine, ns per pair; × torch.cdist + pow; × floor; error against float64")
-    header = ("states", "d", "queries", "α", "1 thread", "2 threads", "cdist", "floor", "error")
+    print("\nthe engine: ns per pair; torch.cdist + pow and the floor beside it; error against")
+    print("float64; milliseconds on the wall, and how many times as fast with two threads")
+    header = ("states", "d", "queries", "α", "ns", "cdist", "floor", "error", "ms", "threads")
     print("".join(f"{name:>11}" for name in header))
     for count in (STORE, MILLION):
         for width in (20, 29):
@@ -120,21 +122,25 @@ def line(
 ) -> None:
     """Measure one row."""
     few = queries[: max(1, 64 * STORE // len(states))]
+    rounds = ROUNDS if len(states) == STORE else 3
+    one, two = (lambda n=n: references.sums(queries, alpha=alpha, threads=n) for n in (1, 2))
     works = {
-        "1": lambda: references.sums(queries, alpha=alpha, threads=1),
-        "2": lambda: references.sums(queries, alpha=alpha, threads=2),
+        "engine": one,
+        "floor": lambda: floor(len(few) * len(states), states.shape[1]),
         "cdist": lambda: torch_cdist(few, states, leverage, alpha),
     }
-    seconds = interleaved(works, ROUNDS if len(states) == STORE else 3)
-    per_pair = 1e9 / len(states) / np.array([len(queries), len(queries), len(few)])
-    one, two, peer = np.array(list(seconds.values())) * per_pair
-    times_floor = one / min(floor(states.shape[1]) for _ in range(3))
-    error = max(
-        abs(references.sums(q[None], alpha=alpha).values[0] - slow(q, states, leverage, alpha))
-        for q in queries[:8]
+    seconds = interleaved(works, rounds)
+    engine, lowest, peer = (
+        seconds[name] * 1e9 / len(states) / len(asked)
+        for name, asked in (("engine", queries), ("floor", few), ("cdist", few))
     )
+    wall = interleaved({"one": one, "two": two}, rounds, time.perf_counter)
+    values = references.sums(queries[:8], alpha=alpha).values
+    exact = [slow(query, states, leverage, alpha) for query in queries[:8]]
+    error = np.abs(values - exact).max()
     cells = f"{len(states):>11,}{states.shape[1]:>11}{len(queries):>11,}{alpha:>11.3g}"
-    print(f"{cells}{one:>11.2f}{two:>11.2f}{peer / one:>10.1f}×{times_floor:>10.2f}×{error:>11.1e}")
+    cells += f"{engine:>11.2f}{peer / engine:>10.1f}×{engine / lowest:>10.2f}×{error:>11.1e}"
+    print(f"{cells}{wall['one'] * 1000:>11.2f}{wall['one'] / wall['two']:>10.2f}×")
 
 
 def slow(query: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: float) -> float:
@@ -173,7 +179,7 @@ def main() -> None:
     fresh_processes()
     states = made(STORE, 29)
     sides, asked = (Moments.of(states[:10_000]), Moments.of(states[10_000:])), made(2048, 29, 1)
-    seconds = interleaved({"cor": lambda: cor(asked, *sides, 1.0)}, ROUNDS)["cor"]
+    seconds = interleaved({"cor": lambda: cor(asked, *sides, 1.0)})["cor"]
     print(f"\nCoR in batches of 2,048: {seconds / 2048 * 1e6:.3f} µs a query")
 
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import time
 
 import llvmlite.binding as llvm
 
 from ssil_data.kernels.native import GENERIC, Target
-
-CHAINS, STEPS = 24, 1_000_000
 
 
 class Floor:
@@ -18,25 +15,21 @@ class Floor:
     def __init__(self) -> None:
         target = Target.host() or GENERIC
         self.lanes = target.tile.lanes
-        chains = CHAINS if target.tile.lanes != 8 else 12
+        self.chains = target.tile.vectors * target.tile.queries
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         machine = llvm.Target.from_default_triple().create_target_machine(
             cpu=target.processor, features=target.features, opt=3
         )
-        module = llvm.parse_assembly(_text(chains, self.lanes))
+        module = llvm.parse_assembly(_text(self.chains, self.lanes))
         self.engine = llvm.create_mcjit_compiler(module, machine)
         self.engine.finalize_object()
         address = self.engine.get_function_address("floor")
         self.run = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_size_t, ctypes.c_float)(address)
-        self.chains = chains
 
-    def __call__(self, width: int) -> float:
-        """Return nanoseconds per pair of states with `width` dimensions."""
-        begin = time.perf_counter()
-        self.run(STEPS, 0.5)
-        elapsed = time.perf_counter() - begin
-        return elapsed / (STEPS * self.chains * self.lanes) * width * 1e9
+    def __call__(self, pairs: int, width: int) -> None:
+        """Take the maxima and additions of so many pairs of states with `width` dimensions."""
+        self.run(pairs * width // (self.chains * self.lanes), 0.5)
 
 
 def _text(chains: int, lanes: int) -> str:

@@ -33,7 +33,7 @@ class ExactSums:
         """
         to_centre = np.abs(queries).sum(axis=1, dtype=np.float64)
         sums, brackets = self._relative(queries, to_centre, panels)
-        nearest = self._distance(queries, brackets.min(axis=1).ravel()[: len(queries)])
+        nearest = self._distance(queries, brackets.min(axis=1))
         log_weight = log_kernel(nearest, self.alpha) - log_kernel(to_centre, self.alpha)
         lost = np.abs(log_weight) > _SPAN
         if lost.any():
@@ -48,7 +48,7 @@ class ExactSums:
     def _relative(
         self, queries: NDArray[np.float32], distance: NDArray[np.float64], panels: Panels
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return Σ l w, Σ w, Σ w² (3, m), and the smallest brackets, as `tile.emit` shapes them.
+        """Return Σ l w, Σ w, Σ w² (3, m), and the smallest bracket in each panel (m, ·).
 
         w is the kernel relative to that at `distance` (m,).
         """
@@ -60,9 +60,9 @@ class ExactSums:
         filled = rows[np.minimum(np.arange(tiles * per_tile), len(rows) - 1)]
         packed = np.ascontiguousarray(filled.reshape(tiles, per_tile, -1).transpose(0, 2, 1))
         sums = np.zeros((tiles, 3, per_tile))
-        brackets = np.empty((tiles, len(panels.values), per_tile), np.float32)
+        brackets = np.empty((tiles * per_tile, len(panels.values)), np.float32)
         self.code(panels.values, packed, sums, brackets, exponent=(self.alpha + 1) / 2)
-        return sums.transpose(1, 0, 2).reshape(3, -1)[:, : len(rows)], brackets
+        return sums.transpose(1, 0, 2).reshape(3, -1)[:, : len(rows)], brackets[: len(rows)]
 
     def _distance(
         self, queries: NDArray[np.float32], bracket: NDArray[np.float32] | float
@@ -81,7 +81,6 @@ class ExactSums:
         distances = np.empty((len(queries), count), np.float32)
         last = min(count, len(panels.values)) - 1
         for i in range(len(queries)) if count else ():
-            tile, lane = divmod(i, self.code.tile.queries)
-            chosen = np.argpartition(brackets[tile, :, lane], last)[: last + 1]
+            chosen = np.argpartition(brackets[i], last)[: last + 1]
             rows[i], distances[i] = panels.nearest(queries[i], chosen, count)
         return rows, distances

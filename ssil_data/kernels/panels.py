@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ class Panels:
     ) -> Panels:
         """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each."""
         (count, width), panels = states.shape, -(-len(states) // size)
-        values = np.empty((panels, width + 2, size), np.float32)
+        values = _aligned((panels, width + 2, size))
         for begin in range(0, panels, _AT_ONCE):
             part = values[begin : begin + _AT_ONCE]
             rows = slice(begin * size, (begin + len(part)) * size)
@@ -82,3 +83,11 @@ class Panels:
         row = chosen[near // self.size] * self.size + near % self.size
         order = np.lexsort((row, distance[near]))[:count]
         return row[order] + self.first, distance[near[order]]
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return an array that begins with a cache line, so that no vector lies in two of them."""
+    count, line = math.prod(shape), 64
+    memory = np.empty(count * 4 + line, np.uint8)
+    start = -memory.ctypes.data % line
+    return memory[start : start + count * 4].view(np.float32).reshape(shape)

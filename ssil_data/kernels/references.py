@@ -27,7 +27,7 @@ _CANCELLATION = 200.0
 """Distance from the centre, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
 _TILES, _BRACKETS = 32, 1 << 23
 """Tiles of queries that pass the references together, and numbers that all threads may hold."""
-_INLINE = 1 << 20
+_INLINE = 1 << 22
 """Pairs below which threads are not worth their start."""
 
 
@@ -61,7 +61,7 @@ class References:
         """Return the sums of equation 5 for queries (m, d) in the references' units.
 
         `contributors` > 0 also names that many of the heaviest references; `threads` defaults to
-        all processors that this process may use.
+        all processors that this process may use, where there is work for them.
         """
         centred = queries - self._centre
         if self.target is None or alpha < _FLATTEST or not len(queries):
@@ -69,7 +69,8 @@ class References:
                 centred, *self._panels.unpacked(), alpha=alpha, contributors=contributors
             )
         else:
-            count = threads or _processors()
+            worth_it = len(queries) * self._panels.count >= _INLINE
+            count = threads or (_processors() if worth_it else 1)
             sums = self._compiled(centred, self.target, min(alpha, _SHARPEST), contributors, count)
         return replace(sums, numerator=sums.numerator + self._mean * sums.denominator)
 
@@ -84,8 +85,6 @@ class References:
         """Cut the queries into chunks, the references into shards, and join the sums of each."""
         if len(queries) == 1:
             target = target.for_one_query()
-        if len(queries) * self._panels.count < _INLINE:
-            threads = 1
         brackets_per_tile = target.tile.queries * len(self._panels.values)
         tiles = min(_TILES, max(1, _BRACKETS // (threads * brackets_per_tile)))
         far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _CANCELLATION

@@ -56,8 +56,8 @@ def emit(tile: Tile, power: Power, *, direct: bool) -> str:
 
     panels (·, width + 2, references) float32: the dimensions, −Σx/2, leverage. queries (tiles,
     width + 2, queries) float32: the dimensions, factor and offset of t. sums (tiles, 3, queries)
-    float64, added to: Σ l w, Σ w, Σ w². nearest (tiles, panels, queries) float32: the smallest
-    bracket. Every count is at least 1.
+    float64, added to: Σ l w, Σ w, Σ w². nearest (tiles · queries, panels) float32: the smallest
+    bracket in each panel. Every count is at least 1.
     """
     signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 3 + [FLOAT])
     function = ir.Function(ir.Module(), signature, "sums")
@@ -89,13 +89,13 @@ class _Sums:
 
         def of_tile(index: Any, _: Sequence) -> Sequence:
             query = self.row_of(self.queries, index, self.tile.queries)
-            start = self.b.add(self.b.mul(index, self.panel_count), first)
+            first_query = self.b.mul(index, INDEX(self.tile.queries))
 
             def panel(step: Any, totals: Sequence) -> Sequence:
                 place = self.b.add(first, step)
                 reference = self.row_of(self.panels, place, self.tile.references)
                 brackets = self.brackets(query, reference)
-                self.store_minima(brackets, self.b.add(start, step))
+                self.store_minima(brackets, first_query, place)
                 return self.weighed(query, reference, brackets, totals)
 
             zeros = [self.vectors.zero] * (3 * self.tile.queries)
@@ -147,15 +147,15 @@ class _Sums:
     def of_query(self, brackets: Sequence, j: int) -> Sequence:
         return brackets[j * self.tile.vectors : (j + 1) * self.tile.vectors]
 
-    def store_minima(self, brackets: Sequence, place: Any) -> None:
+    def store_minima(self, brackets: Sequence, first_query: Any, panel: Any) -> None:
         """Keep the smallest bracket of each query in this panel."""
-        target = at(self.b, self.nearest, self.b.mul(place, INDEX(self.tile.queries)))
         for j in range(self.tile.queries):
             least, *others = self.of_query(brackets, j)
             for other in others:
                 least = intrinsic(self.b, "minnum", least, other, fastmath=FAST)
             smallest = intrinsic(self.b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
-            self.b.store(smallest, at(self.b, target, INDEX(j)))
+            row = self.b.mul(self.b.add(first_query, INDEX(j)), self.panel_count)
+            self.b.store(smallest, at(self.b, self.nearest, self.b.add(row, panel)))
 
     def add_totals(self, totals: Sequence, index: Any) -> None:
         """Add a block's totals to the sums, in float64."""
