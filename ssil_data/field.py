@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ssil_data.demonstrations import finite_matrix
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
-from ssil_data.kernels import Moments, checked_alpha, cor, lcor_sums, log_kernel
+from ssil_data.kernels import Moments, References, checked_alpha, cor, log_kernel
 
 ALPHA_RANGE = (1e-2, 1e4)
 """Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
@@ -72,12 +72,8 @@ class LeverageField:
         """
         if contributors < 0:
             raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
-        sums = lcor_sums(
-            self._standardised(states),
-            self._references,
-            self.leverage,
-            alpha=self.alpha,
-            contributors=contributors,
+        sums = self._references.sums(
+            self._standardised(states), alpha=self.alpha, contributors=contributors
         )
         share = sums.nearest_weight / sums.denominator[:, None]
         return LCoR(sums.values, sums.effective_sample_size, Contributors(sums.nearest, share))
@@ -91,8 +87,8 @@ class LeverageField:
         return cor(self._standardised(states), expert, negative, self.alpha)
 
     @cached_property
-    def _references(self) -> NDArray[np.float32]:
-        return self.standardiser(self.states)
+    def _references(self) -> References:
+        return References(self.standardiser(self.states), self.leverage)
 
     @cached_property
     def _moments(self) -> tuple[Moments, Moments]:
@@ -102,9 +98,8 @@ class LeverageField:
                 f"cor: expected labeled and unlabeled states, found {count} labeled of "
                 f"{len(self.labeled)}"
             )
-        return Moments.of(self._references[self.labeled]), Moments.of(
-            self._references[~self.labeled]
-        )
+        states = self.standardiser(self.states)
+        return Moments.of(states[self.labeled]), Moments.of(states[~self.labeled])
 
     def _standardised(self, states: ArrayLike) -> NDArray[np.float32]:
         return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))

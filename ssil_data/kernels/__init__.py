@@ -1,7 +1,7 @@
 """Kernel rewards: the formulas, and the engine that answers them for whole stores."""
 
-from ssil_data.kernels.chunked import lcor_sums
 from ssil_data.kernels.formulas import Moments, checked_alpha, cor, log_kernel
+from ssil_data.kernels.references import References, lcor_sums
 from ssil_data.kernels.sums import Sums
 
-__all__ = ["Moments", "Sums", "checked_alpha", "cor", "lcor_sums", "log_kernel"]
+__all__ = ["Moments", "References", "Sums", "checked_alpha", "cor", "lcor_sums", "log_kernel"]

@@ -46,7 +46,7 @@ def lcor_sums(
         )
         for rows in np.split(queries, range(_QUERIES, len(queries), _QUERIES))
     ]
-    return Sums(*(np.concatenate(parts) for parts in zip(*map(_fields, columns), strict=True)))
+    return Sums.joined(columns)
 
 
 def _block(
@@ -75,14 +75,3 @@ def _block(
 
 def _tensor(array: NDArray[np.float32]) -> torch.Tensor:
     return torch.from_numpy(np.require(array, requirements=["W", "C"]))
-
-
-def _fields(sums: Sums) -> tuple[NDArray, ...]:
-    return (
-        sums.numerator,
-        sums.denominator,
-        sums.squares,
-        sums.log_scale,
-        sums.nearest,
-        sums.nearest_weight,
-    )

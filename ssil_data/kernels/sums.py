@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,16 @@ class Sums:
     def effective_sample_size(self) -> NDArray[np.float64]:
         """(Σ w)² / Σ w², (m,): how many states the answer rests on."""
         return self.denominator**2 / self.squares
+
+    @classmethod
+    def joined(cls, parts: Sequence[Sums]) -> Sums:
+        """Return the sums of all queries of some parts, at least one, one part after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def take(self, rows: NDArray[np.int64]) -> Sums:
+        """Return the sums of the queries `rows`, in their order."""
+        return Sums(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def __add__(self, other: Sums) -> Sums:
         """Join the sums of two shards; rows of `nearest` must be numbered over both."""

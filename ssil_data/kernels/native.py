@@ -1,0 +1,98 @@
+"""Machine code for the processor at hand, without a compiler: LLVM inside the process."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, replace
+from functools import cache
+from threading import Lock
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.kernels.power import Power
+from ssil_data.kernels.tile import Tile, emit
+
+_COMPILING = Lock()
+_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, *[ctypes.c_size_t] * 3, ctypes.c_float)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor LLVM can write for: its tile, and its name and features in LLVM's terms."""
+
+    tile: Tile
+    processor: str
+    features: str
+
+    def for_one_query(self) -> Target:
+        """Return the target for a lone query: registers hold nothing else."""
+        return replace(self, tile=replace(self.tile, queries=1))
+
+    @classmethod
+    @cache
+    def host(cls) -> Target | None:
+        """Return this machine, None where no tile is known for it."""
+        features = llvm.get_host_cpu_features()
+        processor, kind = llvm.get_host_cpu_name(), llvm.get_process_triple().split("-")[0]
+        # 512-bit vectors even where LLVM would rather keep the clock high
+        described = features.flatten() + ",-prefer-256-bit"
+        if kind in ("aarch64", "arm64"):
+            return cls(NEON, processor, features.flatten())
+        if kind != "x86_64":
+            return None
+        if features.get("avx512f"):
+            return cls(AVX512, processor, described)
+        if features.get("avx2") and features.get("fma"):
+            return cls(AVX2, processor, features.flatten())
+        return GENERIC
+
+
+AVX512 = Tile(lanes=16, vectors=4, queries=6)
+AVX2 = Tile(lanes=8, vectors=2, queries=5)
+NEON = Tile(lanes=4, vectors=4, queries=6)
+GENERIC = Target(Tile(lanes=4, vectors=2, queries=4), "", "")
+"""Any 64-bit processor: what its first generation could do."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """Compiled sums over `tile`s; calls run without the interpreter's lock."""
+
+    tile: Tile
+    power: Power
+    direct: bool
+    function: Any
+    engine: Any
+
+    def __call__(
+        self,
+        panels: NDArray[np.float32],
+        queries: NDArray[np.float32],
+        sums: NDArray[np.float64],
+        brackets: NDArray[np.float32],
+        *,
+        exponent: float,
+    ) -> None:
+        """Add to `sums` and fill `brackets`: all contiguous, shaped as `tile.emit` says."""
+        addresses = (array.ctypes.data for array in (panels, queries, sums, brackets))
+        width = queries.shape[1] - 2
+        self.function(*addresses, width, len(panels), len(queries), exponent)
+
+
+@cache
+def compiled(target: Target, power: Power, *, direct: bool) -> Code:
+    """Compile once per process what `tile.emit` describes."""
+    with _COMPILING:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        machine = llvm.Target.from_default_triple().create_target_machine(
+            cpu=target.processor, features=target.features, opt=3
+        )
+        module = llvm.parse_assembly(emit(target.tile, power, direct=direct))
+        engine = llvm.create_mcjit_compiler(module, machine)
+        engine.finalize_object()
+        function = _SIGNATURE(engine.get_function_address("sums"))
+        return Code(target.tile, power, direct, function, engine)

@@ -1,0 +1,93 @@
+"""Reference states in the order in which the engine reads them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_NOWHERE = 1e30
+"""First coordinate of the rows that fill up the last panel: their weight is nothing."""
+_AT_ONCE = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Panels:
+    """`count` references from row `first` on, `size` side by side: values (·, d + 2, size) float32.
+
+    Each panel holds the d dimensions, then −Σx/2, then the leverage, each for `size` references.
+    """
+
+    values: NDArray[np.float32]
+    first: int
+    count: int
+
+    @classmethod
+    def of(
+        cls, states: NDArray[np.float32], centre: NDArray, leverage: NDArray, size: int
+    ) -> Panels:
+        """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each."""
+        (count, width), panels = states.shape, -(-len(states) // size)
+        values = _aligned((panels, width + 2, size))
+        for begin in range(0, panels, _AT_ONCE):
+            part = values[begin : begin + _AT_ONCE]
+            rows = slice(begin * size, (begin + len(part)) * size)
+            padded = np.zeros((len(part) * size, width + 2), np.float32)
+            known = padded[: len(states[rows])]
+            known[:, :width] = states[rows] - centre
+            known[:, width + 1] = leverage[rows]
+            padded[len(known) :, 0] = _NOWHERE
+            padded[:, width] = padded[:, :width].sum(axis=1, dtype=np.float64) / -2
+            part[:] = padded.reshape(len(part), size, width + 2).transpose(0, 2, 1)
+        return cls(values, 0, count)
+
+    @property
+    def width(self) -> int:
+        """Return the number of dimensions."""
+        return self.values.shape[1] - 2
+
+    @property
+    def size(self) -> int:
+        """Return the number of references in a panel."""
+        return self.values.shape[2]
+
+    def shards(self, wanted: int) -> list[Panels]:
+        """Cut into at most `wanted` parts of about equal length; nothing is copied."""
+        bounds = np.linspace(0, len(self.values), min(wanted, len(self.values)) + 1).astype(int)
+        return [
+            Panels(
+                self.values[begin:end],
+                self.first + begin * self.size,
+                min(self.count - begin * self.size, (end - begin) * self.size),
+            )
+            for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        ]
+
+    def unpacked(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the centred states (n, d) and the leverage (n,) that were packed."""
+        rows = self.values.transpose(0, 2, 1).reshape(-1, self.width + 2)[: self.count]
+        return np.ascontiguousarray(rows[:, : self.width]), rows[:, self.width + 1].copy()
+
+    def nearest(
+        self, query: NDArray[np.float32], chosen: NDArray[np.int64], count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Return rows and distances of the `count` references of the chosen panels next to a query.
+
+        The nearest comes first, of equals the first.
+        """
+        offsets = self.values[chosen, : self.width] - query[:, None]
+        distance = np.abs(offsets, out=offsets).sum(axis=1).ravel()
+        near = np.flatnonzero(distance <= np.partition(distance, count - 1)[count - 1])
+        row = chosen[near // self.size] * self.size + near % self.size
+        order = np.lexsort((row, distance[near]))[:count]
+        return row[order] + self.first, distance[near[order]]
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return an array that begins with a cache line, so that no vector lies in two of them."""
+    count, line = math.prod(shape), 64
+    memory = np.empty(count * 4 + line, np.uint8)
+    start = -memory.ctypes.data % line
+    return memory[start : start + count * 4].view(np.float32).reshape(shape)

@@ -1,0 +1,169 @@
+r"""The inner loops of LCoR's sums as LLVM instructions, for any vector width; it knows no host.
+
+|a − b| = 2 max(a, b) − a − b, so that a distance takes two instructions per dimension, not three:
+
+    ‖q − x‖₁ = 2 (Σ_i max(q_i, x_i) − Σ_i x_i / 2) − Σ_i q_i
+
+The bracket is what a tile accumulates, for a few queries times a few vectors of references held in
+registers. One multiplication and addition per pair then turns it into t = (α + d) / (α + d₀), or
+into u = t − 1, and w = t^(−p) with p = (α + 1)/2 is the kernel relative to that at a distance d₀
+of the query's own choice. Far from the origin, where the sums cancel, |q_i − x_i| is added up
+directly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from llvmlite import ir
+
+from ssil_data.kernels.instructions import (
+    DOUBLE,
+    FAST,
+    FLOAT,
+    INDEX,
+    POINTER,
+    Vectors,
+    at,
+    fmuladd,
+    fold,
+    intrinsic,
+)
+from ssil_data.kernels.power import Power
+
+BLOCK = 1024
+"""References that all queries of a call pass before the next ones: they stay in the cache."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """What registers hold at a time: `queries` × `vectors` vectors of `lanes` references each."""
+
+    lanes: int
+    vectors: int
+    queries: int
+
+    @property
+    def references(self) -> int:
+        """Return how many references make a panel, the unit of packing."""
+        return self.lanes * self.vectors
+
+
+def emit(tile: Tile, power: Power, *, direct: bool) -> str:
+    """Return the text of `sums(panels, queries, sums, nearest, width, panels, tiles, p)`.
+
+    panels (·, width + 2, references) float32: the dimensions, −Σx/2, leverage. queries (tiles,
+    width + 2, queries) float32: the dimensions, factor and offset of t. sums (tiles, 3, queries)
+    float64, added to: Σ l w, Σ w, Σ w². nearest (tiles · queries, panels) float32: the smallest
+    bracket in each panel. Every count is at least 1.
+    """
+    signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 3 + [FLOAT])
+    function = ir.Function(ir.Module(), signature, "sums")
+    _Sums(ir.IRBuilder(function.append_basic_block()), tile, power, direct=direct).write()
+    return str(function.module)
+
+
+class _Sums:
+    """Writes the function's body: blocks of panels, tiles of queries, panels, dimensions."""
+
+    def __init__(self, b: ir.IRBuilder, tile: Tile, power: Power, *, direct: bool) -> None:
+        self.b, self.tile, self.direct = b, tile, direct
+        self.panels, self.queries, self.sums, self.nearest, *rest = b.function.args
+        self.width, self.panel_count, self.tile_count, exponent = rest
+        self.vectors = Vectors(b, tile.lanes)
+        self.weight = power(b, self.vectors(exponent))
+
+    def write(self) -> None:
+        per_block, one = INDEX(BLOCK // self.tile.references), INDEX(1)
+        blocks = self.b.add(self.b.udiv(self.b.sub(self.panel_count, one), per_block), one)
+        fold(self.b, blocks, [], lambda index, _: self.block(self.b.mul(index, per_block)))
+        self.b.ret_void()
+
+    def block(self, first: Any) -> Sequence:
+        """Pass all tiles of queries over the panels from `first` on."""
+        most = INDEX(BLOCK // self.tile.references)
+        left = self.b.sub(self.panel_count, first)
+        count = self.b.select(self.b.icmp_unsigned("<", left, most), left, most)
+
+        def of_tile(index: Any, _: Sequence) -> Sequence:
+            query = self.row_of(self.queries, index, self.tile.queries)
+            first_query = self.b.mul(index, INDEX(self.tile.queries))
+
+            def panel(step: Any, totals: Sequence) -> Sequence:
+                place = self.b.add(first, step)
+                reference = self.row_of(self.panels, place, self.tile.references)
+                brackets = self.brackets(query, reference)
+                self.store_minima(brackets, first_query, place)
+                return self.weighed(query, reference, brackets, totals)
+
+            zeros = [self.vectors.zero] * (3 * self.tile.queries)
+            self.add_totals(fold(self.b, count, zeros, panel), index)
+            return []
+
+        return fold(self.b, self.tile_count, [], of_tile)
+
+    def row_of(self, base: Any, index: Any, columns: int) -> Any:
+        """Write the address of tile or panel `index`, width + 2 rows of `columns` numbers."""
+        size = self.b.mul(self.b.add(self.width, INDEX(2)), INDEX(columns))
+        return at(self.b, base, self.b.mul(index, size))
+
+    def brackets(self, query: Any, reference: Any) -> Sequence:
+        """Accumulate over the dimensions: `vectors` values for each query in turn."""
+        half_sums = self.vectors.row(reference, self.width, self.tile.vectors)
+        start = [self.vectors.zero] * self.tile.vectors if self.direct else list(half_sums)
+
+        def dimension(index: Any, sums: Sequence) -> Sequence:
+            theirs = self.vectors.row(reference, index, self.tile.vectors)
+            ours = self.vectors.scalars(query, index, self.tile.queries)
+            terms = [self.term(q, x) for q in ours for x in theirs]
+            return [self.b.fadd(total, term) for total, term in zip(sums, terms, strict=True)]
+
+        return fold(self.b, self.width, start * self.tile.queries, dimension)
+
+    def term(self, q: Any, x: Any) -> Any:
+        if self.direct:
+            return intrinsic(self.b, "fabs", self.b.fsub(q, x))
+        return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
+
+    def weighed(self, query: Any, reference: Any, brackets: Sequence, totals: Sequence) -> Sequence:
+        """Add a panel's weights to the totals Σ l w, Σ w, Σ w² of all queries."""
+        factor_row, offset_row = self.width, self.b.add(self.width, INDEX(1))
+        leverage = self.vectors.row(reference, offset_row, self.tile.vectors)
+        factors = self.vectors.scalars(query, factor_row, self.tile.queries)
+        offsets = self.vectors.scalars(query, offset_row, self.tile.queries)
+        added = []
+        for j in range(self.tile.queries):
+            numerator, denominator, squares = totals[j :: self.tile.queries]
+            for bracket, value in zip(self.of_query(brackets, j), leverage, strict=True):
+                w = self.weight(fmuladd(self.b, bracket, factors[j], offsets[j]))
+                numerator = fmuladd(self.b, value, w, numerator)
+                denominator = self.b.fadd(denominator, w)
+                squares = fmuladd(self.b, w, w, squares)
+            added.append((numerator, denominator, squares))
+        return [total for kind in zip(*added, strict=True) for total in kind]
+
+    def of_query(self, brackets: Sequence, j: int) -> Sequence:
+        return brackets[j * self.tile.vectors : (j + 1) * self.tile.vectors]
+
+    def store_minima(self, brackets: Sequence, first_query: Any, panel: Any) -> None:
+        """Keep the smallest bracket of each query in this panel."""
+        for j in range(self.tile.queries):
+            least, *others = self.of_query(brackets, j)
+            for other in others:
+                least = intrinsic(self.b, "minnum", least, other, fastmath=FAST)
+            smallest = intrinsic(self.b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
+            row = self.b.mul(self.b.add(first_query, INDEX(j)), self.panel_count)
+            self.b.store(smallest, at(self.b, self.nearest, self.b.add(row, panel)))
+
+    def add_totals(self, totals: Sequence, index: Any) -> None:
+        """Add a block's totals to the sums, in float64."""
+        target = at(self.b, self.sums, self.b.mul(index, INDEX(len(totals))), DOUBLE)
+        for position, total in enumerate(totals):
+            place = at(self.b, target, INDEX(position), DOUBLE)
+            partial = intrinsic(
+                self.b, "vector.reduce.fadd", FLOAT(0.0), total, result=FLOAT, fastmath=("reassoc",)
+            )
+            added = self.b.fadd(self.b.load(place, typ=DOUBLE), self.b.fpext(partial, DOUBLE))
+            self.b.store(added, place)

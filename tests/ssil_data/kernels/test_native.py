@@ -1,0 +1,63 @@
+"""Code is written for any processor, compiled once, and says which host it knows."""
+
+import llvmlite.binding as llvm
+import numpy as np
+import pytest
+
+from ssil_data.kernels import References
+from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compiled
+from ssil_data.kernels.power import Power
+from ssil_data.kernels.tile import emit
+
+from .conftest import made
+
+REGISTERS = {"zmm": (AVX512, "x86_64", "x86-64-v4", "-prefer-256-bit", "vfmadd"),
+             "ymm": (AVX2, "x86_64", "x86-64-v3", "", "vfmadd"),
+             ".4s": (NEON, "aarch64", "neoverse-n1", "", "fmla")}  # fmt: skip
+
+
+@pytest.mark.parametrize("power", Power)
+@pytest.mark.parametrize("register", REGISTERS)
+def test_a_tile_fills_the_registers_it_is_made_for(register: str, power: Power):
+    tile, kind, processor, features, multiply_add = REGISTERS[register]
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(f"{kind}-unknown-linux-gnu").create_target_machine(
+        cpu=processor, features=features, opt=3
+    )
+    module = llvm.parse_assembly(emit(tile, power, direct=False))
+    lines = machine.emit_assembly(module).splitlines()
+    assert any(register in line and "max" in line for line in lines)
+    assert any(register in line and multiply_add in line for line in lines)
+
+
+def test_code_is_compiled_once():
+    host = Target.host()
+    if host is not None:
+        assert compiled(host, Power.GENERAL, direct=True) is compiled(
+            host, Power.GENERAL, direct=True
+        )
+
+
+@pytest.mark.parametrize(
+    ("kind", "features", "tile"),
+    [
+        ("x86_64", {"avx512f": True, "avx2": True, "fma": True}, AVX512),
+        ("x86_64", {"avx2": True, "fma": True}, AVX2),
+        ("aarch64", {"neon": True}, NEON),
+    ],
+)
+def test_the_host_decides_the_tile(monkeypatch: pytest.MonkeyPatch, kind, features, tile):
+    monkeypatch.setattr(llvm, "get_process_triple", lambda: f"{kind}-unknown-linux-gnu")
+    monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: llvm.FeatureMap(features))
+    host = Target.host.__wrapped__(Target)
+    assert host is not None
+    assert host.tile == tile
+
+
+def test_an_unknown_host_has_no_target_and_still_answers(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(llvm, "get_process_triple", lambda: "riscv64-unknown-linux-gnu")
+    assert Target.host.__wrapped__(Target) is None
+    states, leverage = made(0, 50, 3)
+    sums = References(states, leverage, target=None).sums(states, alpha=1.0)
+    assert np.isfinite(sums.values).all()

@@ -1,0 +1,147 @@
+"""The engine's sums are those of the slow reference, on every path, however the work is cut."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
+from operator import add
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssil_data.kernels import References, Sums
+from ssil_data.kernels.native import Target
+
+from .conftest import ALPHAS, made, slow_lcor
+
+
+def assert_same(sums: Sums, other: Sums) -> None:
+    np.testing.assert_allclose(sums.values, other.values, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(sums.effective_sample_size, other.effective_sample_size, rtol=1e-4)
+    np.testing.assert_allclose(sums.log_scale, other.log_scale, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_every_path_is_the_slow_sum(target: Target | None, alpha: float):
+    (states, leverage), (queries, _) = made(0, 700, 29), made(1, 40, 29)
+    queries[:3], queries[3:6] = states[:3], queries[3:6] * 40
+    sums = References(states, leverage, target=target).sums(queries, alpha=alpha)
+    values, sizes = slow_lcor(queries, states, leverage, alpha)
+    far = [3, 4, 5]  # distances near 1,000 have a last bit of 6e-5
+    np.testing.assert_allclose(sums.values[far], values[far], atol=1e-5, rtol=0)
+    np.testing.assert_allclose(
+        np.delete(sums.values, far), np.delete(values, far), atol=1e-6, rtol=0
+    )
+    np.testing.assert_allclose(sums.effective_sample_size, sizes, rtol=1e-4)
+
+
+@pytest.mark.parametrize("width", range(1, 65))
+def test_every_width_is_the_slow_sum(width: int):
+    (states, leverage), (queries, _) = made(width, 150, width), made(width + 1, 7, width)
+    for alpha in (1.0, 20.0):
+        sums = References(states, leverage).sums(queries, alpha=alpha)
+        values, _ = slow_lcor(queries, states, leverage, alpha)
+        np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 63, 64, 65, 127, 129, 1023, 1024, 1025, 2049])
+@pytest.mark.parametrize("asked", [1, 2, 5, 6, 7, 95, 96, 97])
+def test_every_tail_of_the_tiles_is_the_slow_sum(count: int, asked: int):
+    (states, leverage), (queries, _) = made(count, count, 3), made(asked, asked, 3)
+    sums = References(states, leverage).sums(queries, alpha=1.0, contributors=2)
+    values, sizes = slow_lcor(queries, states, leverage, 1.0)
+    np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(sums.effective_sample_size, sizes, rtol=1e-4)
+    assert sums.nearest.shape == (asked, min(count, 2))
+    assert (sums.nearest < count).all()
+
+
+def test_no_queries_have_no_sums(target: Target | None):
+    states, leverage = made(0, 10, 4)
+    sums = References(states, leverage, target=target).sums(states[:0], alpha=1.0, contributors=3)
+    assert sums.values.shape == (0,)
+    assert sums.nearest.shape == (0, 3)
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("far", [10.0, 1e3, 1e6])
+def test_far_queries_never_become_nothing_over_nothing(
+    target: Target | None, alpha: float, far: float
+):
+    (states, leverage), (queries, _) = made(2, 300, 29), made(3, 10, 29)
+    states[:10] += np.float32(far)
+    for asked in (queries + np.float32(far), queries * np.float32(far), -np.abs(queries) * far):
+        asked = asked.astype(np.float32)
+        sums = References(states, leverage, target=target).sums(asked, alpha=alpha)
+        assert (sums.values >= leverage.min() - 1e-6).all()
+        assert (sums.values <= leverage.max() + 1e-6).all()
+        assert (sums.effective_sample_size >= 1 - 1e-6).all()
+        assert (sums.effective_sample_size <= 300 * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("alpha", [1.0, 3.0, 100.0, 1e4])
+def test_neighbours_far_from_the_centre_are_told_apart(target: Target | None, alpha: float):
+    (states, leverage), (queries, _) = made(4, 500, 29), made(5, 12, 29)
+    states[:50] += 1024
+    sums = References(states, leverage, target=target).sums(queries + 1024, alpha=alpha)
+    values, sizes = slow_lcor(queries + np.float32(1024), states, leverage, alpha)
+    np.testing.assert_allclose(sums.values, values, atol=3e-6, rtol=0)
+    np.testing.assert_allclose(sums.effective_sample_size, sizes, rtol=1e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 200), st.sampled_from(ALPHAS), st.floats(0, 1))
+def test_constant_leverage_returns_itself(seed: int, count: int, alpha: float, constant: float):
+    (states, _), (queries, _) = made(seed, count, 6), made(seed + 1, 5, 6)
+    leverage = np.full(count, constant, np.float32)
+    values = References(states, leverage).sums(queries, alpha=alpha).values
+    np.testing.assert_allclose(values, leverage[0], atol=1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("alpha", [1.0, 50.0, 1e4])
+def test_threads_permutation_and_shards_do_not_matter(alpha: float):
+    (states, leverage), (queries, _) = made(6, 12_000, 9), made(7, 200, 9)
+    queries[::7] *= 30
+    whole = References(states, leverage).sums(queries, alpha=alpha, threads=1)
+    for threads in (2, 3, 8):
+        cut = References(states, leverage).sums(queries, alpha=alpha, threads=threads)
+        assert_same(cut, whole)
+    order = np.random.default_rng(8).permutation(len(states))
+    assert_same(References(states[order], leverage[order]).sums(queries, alpha=alpha), whole)
+    parts = [slice(0, 5000), slice(5000, 5001), slice(5001, None)]
+    shards = [References(states[p], leverage[p]).sums(queries, alpha=alpha) for p in parts]
+    assert_same(reduce(add, shards), whole)
+
+
+@pytest.mark.parametrize("contributors", [1, 10, 65])
+def test_contributors_are_the_nearest(target: Target | None, contributors: int):
+    (states, leverage), (queries, _) = made(9, 12_000, 4), made(10, 90, 4)
+    references = References(states, leverage, target=target)
+    for threads in (1, 5):
+        sums = references.sums(queries, alpha=3.0, contributors=contributors, threads=threads)
+        assert sums.nearest.shape == (90, contributors)
+        for query, rows in list(zip(queries, sums.nearest, strict=True))[::9]:
+            distance = np.abs(states - query).sum(axis=1)
+            nearest = np.argsort(distance)[:contributors]
+            np.testing.assert_allclose(distance[rows], distance[nearest], rtol=1e-5)
+            assert len(set(rows.tolist())) == contributors
+
+
+def test_one_object_answers_many_threads_at_once():
+    (states, leverage), (queries, _) = made(11, 20_000, 12), made(12, 150, 12)
+    references = References(states, leverage)
+    expected = [references.sums(queries, alpha=alpha).values for alpha in ALPHAS]
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(
+            pool.map(lambda alpha: references.sums(queries, alpha=alpha).values, ALPHAS * 4)
+        )
+    for answer, wanted in zip(answers, expected * 4, strict=True):
+        np.testing.assert_array_equal(answer, wanted)
+
+
+def test_reading_changes_neither_queries_nor_states(target: Target | None):
+    (states, leverage), (queries, _) = made(13, 100, 4), made(14, 9, 4)
+    copies = states.copy(), leverage.copy(), queries.copy()
+    References(states, leverage, target=target).sums(queries, alpha=5.0, contributors=3)
+    for array, copy in zip((states, leverage, queries), copies, strict=True):
+        np.testing.assert_array_equal(array, copy)
