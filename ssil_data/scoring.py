@@ -117,8 +117,9 @@ def score(
     """Fit an estimator on the labeled pairs, score every pair, commit one run and return it.
 
     `scale` is Quantile() unless given; `run` is named after the estimator unless given. Memory:
-    some 40 bytes a pair beside a row group, however wide a state is. Same seed, same machine, same bytes. Raises
-    InvalidInputError without labeled pairs, ConflictError if the run exists; nothing is written.
+    some 40 bytes a pair beside a row group, however wide a state is. Same seed, same machine, same
+    bytes. Raises InvalidInputError without labeled pairs, ConflictError if the run exists; nothing
+    is written then.
     """
     begin = time.perf_counter()
     scale = Quantile() if scale is None else scale
