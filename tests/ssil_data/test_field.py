@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
 from ssil_data.field import ALPHA_RANGE, LeverageField, auto_alpha
-from ssil_data.kernels import Moments, cor, lcor_sums, log_kernel
+from ssil_data.kernels import Moments, chunked, cor, lcor_sums, log_kernel
 
 ALPHAS = (0.3, 1.0, 3.0, 100.0, 1e4)
 
@@ -113,7 +113,12 @@ def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: flo
     np.testing.assert_allclose(alone, answer.values, atol=1e-7)
 
 
-def test_sums_over_shards_add_up_to_the_store():
+@pytest.mark.parametrize(
+    ("lcor_sums", "absolute", "relative"),
+    [(lcor_sums, 1e-6, 1e-5), (chunked.lcor_sums, 1e-9, 1e-9)],
+    ids=["float32 engine", "plain"],
+)
+def test_sums_over_shards_add_up_to_the_store(lcor_sums, absolute: float, relative: float):
     field, queries = made(7, 500), made(8, 9).states
     states, asked = field.standardiser(field.states), field.standardiser(queries)
     for alpha in ALPHAS:
@@ -121,11 +126,11 @@ def test_sums_over_shards_add_up_to_the_store():
         left = lcor_sums(asked, states[:123], field.leverage[:123], alpha=alpha, contributors=3)
         right = lcor_sums(asked, states[123:], field.leverage[123:], alpha=alpha, contributors=3)
         joined = left + right
-        np.testing.assert_allclose(joined.values, whole.values, atol=1e-6)
+        np.testing.assert_allclose(joined.values, whole.values, atol=absolute)
         np.testing.assert_allclose(
-            joined.effective_sample_size, whole.effective_sample_size, rtol=1e-5
+            joined.effective_sample_size, whole.effective_sample_size, rtol=relative
         )
-        np.testing.assert_allclose(joined.nearest_weight, whole.nearest_weight, rtol=1e-5)
+        np.testing.assert_allclose(joined.nearest_weight, whole.nearest_weight, rtol=relative)
 
 
 def test_contributors_are_the_nearest_states_and_their_share_of_the_weight():
