@@ -136,7 +136,7 @@ def test_info_tells_the_reward_and_where_the_car_is() -> None:
     env.reset(seed=0)
     _, reward, _, _, info = env.step(STRAIGHT_ON)
     assert info["underlying_reward"] == reward
-    assert info["position"] == tuple(env._simulator.vehicle.position)
+    np.testing.assert_array_equal(info["position"], env._simulator.vehicle.position)
 
 
 def test_rendering_gives_a_picture_only_where_one_was_asked_for() -> None:

@@ -88,14 +88,14 @@ def test_every_lane_continues_where_it_ends(track: Track) -> None:
     network, road = env._simulator.road.network, env.road
     lanes = [network.get_lane(index) for index in road.number]
     for row, lane in enumerate(lanes):
-        onward = lanes[road.following[row]]
+        onward = lanes[road.lanes.following[row]]
         gap = np.linalg.norm(lane.position(lane.length, 0.0) - onward.position(0.0, 0.0))
         assert gap < 3.0
 
 
 def test_curvature_ahead_walks_round_the_lap() -> None:
     road = RacetrackEnv().road
-    lap = road.length[::2].sum()
+    lap = road.lanes.length[::2].sum()
     for lane in (0, 4, 8):
         for metres in (0.0, 5.0, 22.0):
             once = road.curvature_ahead(lane, 1.0, metres)

@@ -6,15 +6,15 @@ edge of the road and starts anywhere on the lap.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
-import highway_env  # noqa: F401  registers the simulator's ids
 import numpy as np
 from gymnasium.spaces import Box
-from highway_env.envs.racetrack_env import RacetrackEnv as HighwayRacetrack
 from numpy.typing import NDArray
 
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.highway import HIGHWAY_IDS, POLICY_HZ, SIMULATION_HZ, Track, simulator
 from ssil_trainers.envs.racetrack_state import (
     ACTION_NAMES,
     STATE_HIGH,
@@ -26,28 +26,32 @@ from ssil_trainers.envs.racetrack_state import (
     underlying_reward,
 )
 from ssil_trainers.envs.road import Road
+from ssil_trainers.envs.starts import START_SPEEDS, Start, told
 
-__all__ = ["ACTION_NAMES", "HIGHWAY_IDS", "STATE_NAMES", "RacetrackEnv", "Track"]
+__all__ = [
+    "ACTION_NAMES",
+    "HIGHWAY_IDS",
+    "POLICY_HZ",
+    "SIMULATION_HZ",
+    "START_SPEEDS",
+    "STATE_NAMES",
+    "RacetrackEnv",
+    "Start",
+    "Track",
+]
 
-Track = Literal["default", "large", "oval"]
-HIGHWAY_IDS: dict[Track, str] = {
-    "default": "racetrack-v1",
-    "large": "racetrack-large-v1",
-    "oval": "racetrack-oval-v1",
-}
-POLICY_HZ, SIMULATION_HZ = 10, 20
-START_SPEEDS = (5.0, 15.0)
-"""Speeds [m/s] of the random start: highway-env's own 10, give or take."""
+CLEARANCE = 20.0
+"""No other vehicle is nearer [m] to a drawn start, as among highway-env's own vehicles."""
 
 
 class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One car on highway-env's racetrack, 10 decisions a second.
 
     Action: throttle (±5 m/s²) and steering (±45°), both in [-1, 1]; speeds 0–20 m/s. An episode
-    ends when the car leaves the road and is cut off after `episode_steps`. It starts anywhere on
-    the lap, in the middle of any lane, at 5–15 m/s. The reward is `underlying_reward`, for
-    training experts and for evaluation; imitation trainers must not read it.
-    info: position (x, y) in metres, and after a step underlying_reward.
+    ends when the car leaves the road or hits another vehicle and is cut off after `episode_steps`.
+    It starts anywhere on the lap, in the middle of any lane, at 5–15 m/s. The reward is
+    `underlying_reward`, for training experts and for evaluation; imitation trainers must not read
+    it. info: position (2,) in metres, and after a step underlying_reward.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
@@ -56,15 +60,26 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self,
         track: Track = "default",
         *,
+        policy_hz: int = POLICY_HZ,
+        other_vehicles: int = 0,
         episode_steps: int = 1_000,
         render_mode: str | None = None,
     ) -> None:
-        """Build the track; `render_mode` is None or "rgb_array"."""
+        """Build the track.
+
+        policy_hz decisions a second divide the simulation's 20. Of other_vehicles, highway-env's
+        own, one drives in the second section, and up to all but one anywhere else, as highway-env
+        draws them. `render_mode` is None or "rgb_array".
+        """
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": policy_hz}
         self.observation_space = Box(STATE_LOW, STATE_HIGH, dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (len(ACTION_NAMES),), dtype=np.float32)
-        self._simulator = _simulator(track, render_mode)
+        self._simulator = simulator(
+            track, policy_hz=policy_hz, other_vehicles=other_vehicles, render_mode=render_mode
+        )
         self._road = Road.of(self._simulator.road.network)
+        self._start = Start(0, 0.0, 0.0)
         self._episode_steps = episode_steps
         self._steps = 0
         self._action = np.zeros(2)
@@ -73,6 +88,11 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def road(self) -> Road:
         """The road's geometry."""
         return self._road
+
+    @property
+    def start(self) -> Start:
+        """Where this episode started; a reset with `options={"start": start}` starts there."""
+        return self._start
 
     @property
     def car(self) -> Car:
@@ -95,39 +115,62 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start at a random place; `options` is not used."""
+        """Start at a random place, or at the `Start` that `options` has as "start".
+
+        Raises InvalidInputError for a start that is not on the road.
+        """
         super().reset(seed=seed)
+        start = told(options)
+        if start is not None:
+            start.on(self._road)
         self._simulator.reset(seed=seed)
-        self._place()
+        self._place(self._drawn() if start is None else start)
         self._action = np.zeros(2)
         self._steps = 0
         car = self.car
-        return observe(self._road, car).astype(np.float32), {"position": (car.x, car.y)}
+        return self._state(car), {"position": np.array([car.x, car.y])}
 
-    def _place(self) -> None:
-        """Put the car anywhere on the lap, every metre equally likely."""
-        road, vehicle = self._road, self._simulator.vehicle
-        row = self.np_random.choice(len(road.length), p=road.length / road.length.sum())
-        lane = self._simulator.road.network.get_lane(list(road.number)[row])
-        longitudinal = self.np_random.uniform(0.0, lane.length)
-        vehicle.position = lane.position(longitudinal, 0.0)
-        vehicle.heading = lane.heading_at(longitudinal)
-        vehicle.speed = self.np_random.uniform(*START_SPEEDS)
+    def _drawn(self) -> Start:
+        """Draw a start that is clear of other vehicles."""
+        while True:
+            start = Start.draw(self._road, self.np_random)
+            lane = self._simulator.road.network.get_lane(list(self._road.number)[start.lane])
+            position = lane.position(start.longitudinal, 0.0)
+            away = [np.linalg.norm(other.position - position) for other in self._others()]
+            if min(away, default=np.inf) >= CLEARANCE:
+                return start
+
+    def _place(self, start: Start) -> None:
+        vehicle = self._simulator.vehicle
+        lane = self._simulator.road.network.get_lane(list(self._road.number)[start.lane])
+        vehicle.position = lane.position(start.longitudinal, 0.0)
+        vehicle.heading = lane.heading_at(start.longitudinal)
+        vehicle.speed = start.speed
         vehicle.on_state_update()
+        self._start = start
 
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive for a tenth of a second."""
+        """Drive for one decision; raises InvalidInputError for an action that is not finite."""
+        if not np.isfinite(action).all():
+            raise InvalidInputError(f"action: expected finite numbers, found {action}")
         self._action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         self._simulator.step(self._action)
         self._steps += 1
         car = self.car
         reward = underlying_reward(self._road, car)
-        info = {"position": (car.x, car.y), "underlying_reward": reward}
-        state = observe(self._road, car).astype(np.float32)
-        truncated = self._steps >= self._episode_steps
-        return state, reward, leaves_road(self._road, car), truncated, info
+        info = {"position": np.array([car.x, car.y]), "underlying_reward": reward}
+        ended = leaves_road(self._road, car) or self._simulator.vehicle.crashed
+        return self._state(car), reward, ended, self._steps >= self._episode_steps, info
+
+    def _state(self, car: Car) -> NDArray[np.float32]:
+        boxes = [_sides(other.polygon()) for other in self._others()]
+        seen = observe(self._road, car, boxes=np.concatenate(boxes) if boxes else None)
+        return seen.astype(np.float32)
+
+    def _others(self) -> list[Any]:
+        return [v for v in self._simulator.road.vehicles if v is not self._simulator.vehicle]
 
     def render(self) -> Any:
         """Return the picture (600, 600, 3) uint8, or None without a render mode."""
@@ -138,24 +181,6 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._simulator.close()
 
 
-def _simulator(track: Track, render_mode: str | None) -> HighwayRacetrack:
-    config = {
-        # highway-env must observe something; nothing is the fastest.
-        "observation": {"type": "AttributesObservation", "attributes": []},
-        "action": {
-            "type": "ContinuousAction",
-            "longitudinal": True,
-            "lateral": True,
-            "speed_range": (0, 20),
-        },
-        "other_vehicles": 0,
-        "policy_frequency": POLICY_HZ,
-        "simulation_frequency": SIMULATION_HZ,
-        "duration": float("inf"),
-    }
-    made = gymnasium.make(
-        HIGHWAY_IDS[track], config=config, render_mode=render_mode, disable_env_checker=True
-    )
-    simulator = made.unwrapped
-    assert isinstance(simulator, HighwayRacetrack)
-    return simulator
+def _sides(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sides (4, 4) of a vehicle's box, whose first corner comes again as the fifth."""
+    return np.hstack([corners[:-1], corners[1:]])
