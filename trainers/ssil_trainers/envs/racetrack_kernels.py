@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 class Lanes(NamedTuple):
     """The lanes of a road, one number for each lane (n).
 
-    turn: 0 straight, 1 where the heading grows, -1 where it falls. x, y: start of a straight, centre
-    of a turn. along_x, along_y, heading: direction of a straight; radius, phase: of a turn, and its
-    angle at the start. length in metres; curvature in 1/m; axis_offset: metres from the road's
+    turn: 0 straight, 1 where the heading grows, -1 where it falls. x, y: start of a straight,
+    centre of a turn. along_x, along_y, heading: direction of a straight; radius, phase: of a turn,
+    and its angle at the start. length in metres; curvature in 1/m; axis_offset: metres from the road's
     centre line to the lane's, right positive; half_width: metres of the road, all lanes together;
     following: the row of the lane that continues this one.
     """

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
@@ -49,11 +49,8 @@ class Road:
         return cls(
             number=number,
             lanes=Lanes(
-                turn=np.array([lane["turn"] for lane in placed], dtype=np.int64),
-                **{
-                    name: np.array([lane.get(name, 0.0) for lane in placed], dtype=np.float64)
-                    for name in ("x", "y", "along_x", "along_y", "heading", "radius", "phase")
-                },
+                np.array([lane.direction if _turns(lane) else 0 for lane in lanes], np.int64),
+                *np.array(placed, dtype=np.float64).T.copy(),
                 length=np.array([lane.length for lane in lanes], dtype=np.float64),
                 curvature=np.array([_curvature(lane) for lane in lanes]),
                 axis_offset=np.array([_axis_offset(network, index) for index in indices]),
@@ -110,21 +107,23 @@ def _following(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
     return node, target, lane
 
 
-def _placed(index: LaneIndex, lane: AbstractLane) -> dict[str, float]:
-    """Return where a lane lies, by the names of `Lanes`."""
+def _placed(index: LaneIndex, lane: AbstractLane) -> tuple[float, ...]:
+    """Return x to phase of `Lanes`."""
     if type(lane) is StraightLane:
-        (x, y), (along_x, along_y) = lane.start, lane.direction
-        return dict(turn=0, x=x, y=y, along_x=along_x, along_y=along_y, heading=lane.heading)
+        return (*lane.start, *lane.direction, float(lane.heading), 0.0, 0.0)
     if type(lane) is CircularLane:
-        x, y = lane.center
-        return dict(turn=lane.direction, x=x, y=y, radius=lane.radius, phase=lane.start_phase)
+        return (*lane.center, 0.0, 0.0, 0.0, lane.radius, lane.start_phase)
     raise InvalidInputError(
         f"lane {index}: expected a straight or a circular one, found {type(lane).__name__}"
     )
 
 
+def _turns(lane: AbstractLane) -> TypeGuard[CircularLane]:
+    return isinstance(lane, CircularLane)
+
+
 def _curvature(lane: AbstractLane) -> float:
-    return lane.direction / lane.radius if isinstance(lane, CircularLane) else 0.0
+    return lane.direction / lane.radius if _turns(lane) else 0.0
 
 
 def _axis_offset(network: RoadNetwork, index: LaneIndex) -> float:
@@ -146,7 +145,7 @@ def _edges(sections: list[list[AbstractLane]]) -> tuple[list[Any], list[Any]]:
         for lane, onward in zip(lanes, lanes[1:] + lanes[:1], strict=True):
             lateral = side * lane.width_at(0.0)
             end = lane.position(lane.length, lateral)
-            if isinstance(lane, CircularLane):
+            if _turns(lane):
                 radius = lane.radius - lateral * lane.direction
                 middle = (lane.start_phase + lane.end_phase) / 2
                 half = abs(lane.end_phase - lane.start_phase) / 2
