@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
 
+_AT_ONCE = 1 << 18
+"""Rows that are looked at together: mapped files may be larger than the memory."""
 ENDINGS = ("terminated", "truncated", "cut")
 """How an episode ended: by the task, by a time limit, or because its recording was cut."""
 
@@ -17,25 +19,28 @@ ENDINGS = ("terminated", "truncated", "cut")
 def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> NDArray[np.float32]:
     """Return `values` as a read-only (n, width) float32 array, refusing NaN, infinity and overflow.
 
-    Raises InvalidInputError naming `name`, the row and the column.
+    A read-only float32 array, such as a mapped file, is not copied. Raises InvalidInputError naming
+    `name`, the row and the column.
     """
     try:
         given = np.asarray(values)
+        taken = given.dtype == np.float32 and given.flags.c_contiguous and not given.flags.writeable
         with np.errstate(over="ignore"):
-            matrix = np.array(given, dtype=np.float32, order="C")
+            matrix = given if taken else np.array(given, dtype=np.float32, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInputError(f"{name}: expected numbers, found {error}") from None
     if matrix.ndim != 2:
         raise InvalidInputError(f"{name}: expected two dimensions, found shape {matrix.shape}")
     if width is not None and matrix.shape[1] != width:
         raise InvalidInputError(f"{name}: expected width {width}, found {matrix.shape[1]}")
-    bad = np.argwhere(~np.isfinite(matrix))
-    if len(bad):
-        row, column = map(int, bad[0])
-        raise InvalidInputError(
-            f"{name}: expected finite float32 numbers, found {given[row, column]} "
-            f"at row {row}, column {column}"
-        )
+    for first in range(0, len(matrix), _AT_ONCE):
+        bad = np.argwhere(~np.isfinite(matrix[first : first + _AT_ONCE]))
+        if len(bad):
+            row, column = first + int(bad[0][0]), int(bad[0][1])
+            raise InvalidInputError(
+                f"{name}: expected finite float32 numbers, found {given[row, column]} "
+                f"at row {row}, column {column}"
+            )
     matrix.flags.writeable = False
     return matrix
 

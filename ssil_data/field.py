@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from threading import RLock
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ssil_data.answers import Accuracy, LCoR
 from ssil_data.demonstrations import finite_matrix
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
-from ssil_data.kernels import Moments, References, checked_alpha, cor, log_kernel
+from ssil_data.kernels import (
+    Moments,
+    References,
+    Sampled,
+    Sums,
+    checked_alpha,
+    cor,
+    log_kernel,
+)
 
 ALPHA_RANGE = (1e-2, 1e4)
 """Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Contributors:
-    """The demonstration states that contributed most to each of m answers, most first.
-
-    row (m, c) is their place in the field, share (m, c) the part of the answer's weight.
-    """
-
-    row: NDArray[np.int64]
-    share: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class LCoR:
-    """Answers to m queries, each (m,): LCoR in [min l, max l], and how many states it rests on."""
-
-    values: NDArray[np.float64]
-    effective_sample_size: NDArray[np.float64]
-    contributors: Contributors
+_ASKING, _ASKED = 256, 1 << 15
+"""States that are asked for the deviation of LCoR, and how many answer where there are more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +35,9 @@ class LeverageField:
     """Demonstration states (n, d) in raw units with their leverage (n,), and a kernel over them.
 
     `standardiser` makes units comparable, `alpha` > 0 is the kernel's sharpness, `labeled` (n,)
-    tells the expert states of CoR from the rest. Raises InvalidInputError for unequal lengths.
+    tells the expert states of CoR from the rest. States may be a read-only mapped file. `device` is
+    where torch holds them, as "cuda"; on "cpu" code is written for the processor. Raises
+    InvalidInputError for unequal lengths.
     """
 
     states: NDArray[np.float32]
@@ -50,6 +45,8 @@ class LeverageField:
     labeled: NDArray[np.bool_]
     standardiser: Standardiser
     alpha: float
+    device: str = "cpu"
+    _packing: RLock = field(default_factory=RLock, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Validate lengths and alpha."""
@@ -64,19 +61,50 @@ class LeverageField:
         if not len(self.states):
             raise InvalidInputError("states: expected at least one, found none")
 
-    def lcor(self, states: ArrayLike, *, contributors: int = 0) -> LCoR:
+    def lcor(
+        self,
+        states: ArrayLike,
+        *,
+        contributors: int = 0,
+        tolerance: float | None = None,
+        relative: bool = False,
+        seconds: float | None = None,
+        seed: int = 0,
+    ) -> LCoR:
         """Return LCoR (equation 5) of states (m, d) in raw units.
 
-        With `contributors` > 0 also the states that contributed most. Raises InvalidInputError for
-        another width, non-finite states or negative `contributors`.
+        All demonstration states are asked, and with `contributors` > 0 those that contributed most
+        are named. `tolerance`, `relative`, `seconds` and `seed` are those of `Accuracy`; the first
+        such answer of a seed reads all states once more. Raises InvalidInputError for another
+        width, non-finite states, or options that contradict each other.
+        """
+        accuracy = Accuracy(tolerance, relative, seconds, seed)
+        if accuracy.exact:
+            return LCoR.of_sums(self.sums(states, contributors=contributors))
+        if contributors:
+            raise InvalidInputError(
+                "contributors: expected 0 with a tolerance or seconds, as only all states "
+                f"together can name them, found {contributors}"
+            )
+        queries, sample = self._standardised(states), self._sample(seed)
+        if accuracy.seconds is not None:
+            found = sample.in_time(queries, alpha=self.alpha, seconds=accuracy.seconds)
+        else:
+            unit = self._deviation if relative else 1.0
+            assert accuracy.tolerance is not None
+            width = accuracy.tolerance * unit
+            found = sample.within(queries, alpha=self.alpha, tolerance=width)
+        return LCoR.of_estimate(found)
+
+    def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
+        """Return the sums that make LCoR of states (m, d) in raw units.
+
+        Those over shards with one standardiser and alpha add up. Errors as in `lcor`.
         """
         if contributors < 0:
             raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
-        sums = self._references.sums(
-            self._standardised(states), alpha=self.alpha, contributors=contributors
-        )
-        share = sums.nearest_weight / sums.denominator[:, None]
-        return LCoR(sums.values, sums.effective_sample_size, Contributors(sums.nearest, share))
+        queries = self._standardised(states)
+        return self._references().sums(queries, alpha=self.alpha, contributors=contributors)
 
     def cor(self, states: ArrayLike) -> NDArray[np.float64]:
         """Return CoR (equation 2) of states (m, d) in raw units, (m,) in [0, 1].
@@ -87,8 +115,34 @@ class LeverageField:
         return cor(self._standardised(states), expert, negative, self.alpha)
 
     @cached_property
+    def _rows(self) -> _Standardised:
+        return _Standardised(self.states, self.standardiser)
+
+    @cached_property
+    def _packed(self) -> References:
+        return References(self._rows, self.leverage, device=self.device)
+
     def _references(self) -> References:
-        return References(self.standardiser(self.states), self.leverage)
+        with self._packing:
+            return self._packed
+
+    @cached_property
+    def _samples(self) -> Callable[[int], Sampled]:
+        def draw(seed: int) -> Sampled:
+            return Sampled(self._rows, self.leverage, self._references, seed=seed)
+
+        return lru_cache(maxsize=1)(draw)
+
+    def _sample(self, seed: int) -> Sampled:
+        with self._packing:
+            return self._samples(seed)
+
+    @cached_property
+    def _deviation(self) -> float:
+        """Return the standard deviation of LCoR over the demonstration states, from a sample."""
+        chosen = np.random.default_rng(0).integers(len(self.states), size=_ASKING)
+        found = self._sample(0).of_size(self._rows[chosen], alpha=self.alpha, size=_ASKED)
+        return max(float(found.values.std()), np.finfo(float).tiny)
 
     @cached_property
     def _moments(self) -> tuple[Moments, Moments]:
@@ -103,6 +157,21 @@ class LeverageField:
 
     def _standardised(self, states: ArrayLike) -> NDArray[np.float32]:
         return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))
+
+
+@dataclass(frozen=True)
+class _Standardised:
+    """States as the kernel sees them, converted as they are read."""
+
+    states: NDArray[np.float32]
+    standardiser: Standardiser
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.states.shape
+
+    def __getitem__(self, rows: slice | NDArray[np.int64], /) -> NDArray[np.float32]:
+        return self.standardiser(self.states[rows])
 
 
 def auto_alpha(standardised: NDArray[np.float32], *, share: float = 0.1, seed: int = 0) -> float:

@@ -2,6 +2,18 @@
 
 from ssil_data.kernels.formulas import Moments, checked_alpha, cor, log_kernel
 from ssil_data.kernels.references import References, lcor_sums
+from ssil_data.kernels.regression import Estimate
+from ssil_data.kernels.sampled import Sampled
 from ssil_data.kernels.sums import Sums
 
-__all__ = ["Moments", "References", "Sums", "checked_alpha", "cor", "lcor_sums", "log_kernel"]
+__all__ = [
+    "Estimate",
+    "Moments",
+    "References",
+    "Sampled",
+    "Sums",
+    "checked_alpha",
+    "cor",
+    "lcor_sums",
+    "log_kernel",
+]

@@ -1,7 +1,8 @@
-"""LCoR's sums in plain torch, block by block: the engine for any host."""
+"""LCoR's sums in plain torch, block by block: the engine for any host and any device of torch's."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
@@ -9,9 +10,95 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ssil_data.kernels.rows import Rows
 from ssil_data.kernels.sums import Sums
 
 _QUERIES, _STATES = 64, 8192
+"""Distances that a block holds on a processor; an accelerator gets 64 times as many."""
+_AT_ONCE = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Tensors:
+    """Centred states (n, d), n ≥ 1, and leverage (n,) on a device. Distances are float32, sums
+    float64.
+    """
+
+    states: torch.Tensor
+    leverage: torch.Tensor
+
+    @classmethod
+    def of(
+        cls,
+        states: Rows,
+        centre: NDArray[np.float32],
+        leverage: NDArray[np.float32],
+        device: str = "cpu",
+    ) -> Tensors:
+        """Bring states (n, d), minus `centre` (d,), to a device; they are read in parts."""
+        count, width = states.shape
+        held = torch.empty((count, width), dtype=torch.float32, device=device)
+        for i in range(0, count, _AT_ONCE):
+            held[i : i + _AT_ONCE] = _tensor(states[i : i + _AT_ONCE] - centre)
+        return cls(held, _tensor(leverage).to(device).double())
+
+    def sums(self, queries: NDArray[np.float32], *, alpha: float, contributors: int = 0) -> Sums:
+        """Return the sums of equation 5 for centred queries (m, d).
+
+        With fewer states than contributors, all states contribute.
+        """
+        growth = 1 if self.states.device.type == "cpu" else 8
+        block = max(_STATES * growth, contributors)
+        columns = [
+            reduce(
+                add,
+                (
+                    self._block(part, slice(i, i + block), alpha, contributors)
+                    for i in range(0, len(self.states), block)
+                ),
+            )
+            for part in np.split(queries, range(_QUERIES * growth, len(queries), _QUERIES * growth))
+        ]
+        return Sums.joined(columns)
+
+    def _block(
+        self, queries: NDArray[np.float32], chosen: slice, alpha: float, contributors: int
+    ) -> Sums:
+        asked = _tensor(queries).to(self.states.device)
+        distance = torch.cdist(asked, self.states[chosen], p=1.0)
+        log_kernel = torch.log1p(distance.double() / alpha) * (-(alpha + 1) / 2)
+        log_scale = log_kernel.max(dim=1).values
+        weights = torch.exp(log_kernel - log_scale[:, None])
+        top = torch.topk(weights, min(contributors, weights.shape[1]), dim=1)
+        return Sums(
+            numerator=(weights @ self.leverage[chosen]).cpu().numpy(),
+            denominator=weights.sum(dim=1).cpu().numpy(),
+            squares=(weights * weights).sum(dim=1).cpu().numpy(),
+            log_scale=log_scale.cpu().numpy(),
+            nearest=top.indices.cpu().numpy() + chosen.start,
+            nearest_weight=top.values.cpu().numpy(),
+        )
+
+
+def moments(
+    queries: NDArray[np.float32],
+    states: NDArray[np.float32],
+    leverage: NDArray[np.float32],
+    distance: NDArray[np.float64],
+    *,
+    alpha: float,
+) -> NDArray[np.float64]:
+    """Return `SampleMoments.products` (15, m) of states (n, d) about queries (m, d)."""
+    powers = _tensor(leverage).double()[:, None] ** torch.arange(3)
+    columns = []
+    for rows in np.array_split(np.arange(len(queries)), -(-len(queries) // _QUERIES)):
+        found = torch.cdist(_tensor(queries[rows]), _tensor(states), p=1.0).double()
+        start = torch.from_numpy(distance[rows, None])
+        u = (found - start) / (alpha + start)
+        w = torch.exp(torch.log1p(u) * (-(alpha + 1) / 2))
+        products = torch.stack([u, u * u, w, w * u, w * w]) @ powers
+        columns.append(products.permute(0, 2, 1).reshape(15, -1).numpy())
+    return np.concatenate(columns, axis=1)
 
 
 def lcor_sums(
@@ -22,55 +109,12 @@ def lcor_sums(
     alpha: float,
     contributors: int = 0,
 ) -> Sums:
-    """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1.
+    """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1, brought for once.
 
-    States and queries are standardised already; leverage is (n,). Distances are float32, sums
-    float64; a block holds 64 × 8,192 distances, or 64 × contributors where they are more. With
-    fewer states than contributors, all states contribute.
+    States and queries are standardised already; leverage is (n,).
     """
-    block = max(_STATES, contributors)
-    columns = [
-        reduce(
-            add,
-            (
-                _block(
-                    rows,
-                    slice(first, first + block),
-                    states,
-                    leverage,
-                    alpha=alpha,
-                    contributors=contributors,
-                )
-                for first in range(0, len(states), block)
-            ),
-        )
-        for rows in np.split(queries, range(_QUERIES, len(queries), _QUERIES))
-    ]
-    return Sums.joined(columns)
-
-
-def _block(
-    queries: NDArray[np.float32],
-    chosen: slice,
-    states: NDArray[np.float32],
-    leverage: NDArray[np.float32],
-    *,
-    alpha: float,
-    contributors: int,
-) -> Sums:
-    distance = torch.cdist(_tensor(queries), _tensor(states[chosen]), p=1.0)
-    log_kernel = torch.log1p(distance.double() / alpha) * (-(alpha + 1) / 2)
-    log_scale = log_kernel.max(dim=1).values
-    weights = torch.exp(log_kernel - log_scale[:, None])
-    top = torch.topk(weights, min(contributors, weights.shape[1]), dim=1)
-    return Sums(
-        numerator=(weights @ _tensor(leverage[chosen]).double()).numpy(),
-        denominator=weights.sum(dim=1).numpy(),
-        squares=(weights * weights).sum(dim=1).numpy(),
-        log_scale=log_scale.numpy(),
-        nearest=top.indices.numpy() + chosen.start,
-        nearest_weight=top.values.numpy(),
-    )
+    held = Tensors.of(states, np.zeros(states.shape[1], np.float32), leverage)
+    return held.sums(queries, alpha=alpha, contributors=contributors)
 
 
 def _tensor(array: NDArray[np.float32]) -> torch.Tensor:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.kernels.power import Power
+from ssil_data.kernels.products import Products
 from ssil_data.kernels.tile import Tile, emit
 
 _COMPILING = Lock()
@@ -63,6 +64,7 @@ class Code:
 
     tile: Tile
     power: Power
+    products: Products
     direct: bool
     function: Any
     engine: Any
@@ -83,7 +85,7 @@ class Code:
 
 
 @cache
-def compiled(target: Target, power: Power, *, direct: bool) -> Code:
+def compiled(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
     """Compile once per process what `tile.emit` describes."""
     with _COMPILING:
         llvm.initialize_native_target()
@@ -91,8 +93,8 @@ def compiled(target: Target, power: Power, *, direct: bool) -> Code:
         machine = llvm.Target.from_default_triple().create_target_machine(
             cpu=target.processor, features=target.features, opt=3
         )
-        module = llvm.parse_assembly(emit(target.tile, power, direct=direct))
+        module = llvm.parse_assembly(emit(target.tile, power, products, direct=direct))
         engine = llvm.create_mcjit_compiler(module, machine)
         engine.finalize_object()
         function = _SIGNATURE(engine.get_function_address("sums"))
-        return Code(target.tile, power, direct, function, engine)
+        return Code(target.tile, power, products, direct, function, engine)

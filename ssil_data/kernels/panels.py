@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ssil_data.kernels.rows import Rows
 
 _NOWHERE = 1e30
 """First coordinate of the rows that fill up the last panel: their weight is nothing."""
@@ -26,17 +29,19 @@ class Panels:
 
     @classmethod
     def of(
-        cls, states: NDArray[np.float32], centre: NDArray, leverage: NDArray, size: int
+        cls, states: Rows, centre: NDArray[np.float32], leverage: NDArray[np.float32], size: int
     ) -> Panels:
-        """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each."""
-        (count, width), panels = states.shape, -(-len(states) // size)
+        """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each, in parts."""
+        count, width = states.shape
+        panels = -(-count // size)
         values = _aligned((panels, width + 2, size))
         for begin in range(0, panels, _AT_ONCE):
             part = values[begin : begin + _AT_ONCE]
             rows = slice(begin * size, (begin + len(part)) * size)
             padded = np.zeros((len(part) * size, width + 2), np.float32)
-            known = padded[: len(states[rows])]
-            known[:, :width] = states[rows] - centre
+            read = states[rows]
+            known = padded[: len(read)]
+            known[:, :width] = read - centre
             known[:, width + 1] = leverage[rows]
             padded[len(known) :, 0] = _NOWHERE
             padded[:, width] = padded[:, :width].sum(axis=1, dtype=np.float64) / -2
@@ -56,19 +61,22 @@ class Panels:
     def shards(self, wanted: int) -> list[Panels]:
         """Cut into at most `wanted` parts of about equal length; nothing is copied."""
         bounds = np.linspace(0, len(self.values), min(wanted, len(self.values)) + 1).astype(int)
-        return [
-            Panels(
-                self.values[begin:end],
-                self.first + begin * self.size,
-                min(self.count - begin * self.size, (end - begin) * self.size),
-            )
-            for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
-        ]
+        return [self.part(*ends) for ends in pairwise(bounds.tolist())]
+
+    def part(self, begin: int, end: int) -> Panels:
+        """Return panels `begin` to `end`; nothing is copied."""
+        count = min(self.count - begin * self.size, (end - begin) * self.size)
+        return Panels(self.values[begin:end], self.first + begin * self.size, count)
+
+    @property
+    def leverage(self) -> NDArray[np.float32]:
+        """Return the leverage (n,) that was packed."""
+        return self.values[:, self.width + 1].reshape(-1)[: self.count]
 
     def unpacked(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the centred states (n, d) and the leverage (n,) that were packed."""
+        """Return the states (n, d), less their centre, and the leverage (n,) that were packed."""
         rows = self.values.transpose(0, 2, 1).reshape(-1, self.width + 2)[: self.count]
-        return np.ascontiguousarray(rows[:, : self.width]), rows[:, self.width + 1].copy()
+        return np.ascontiguousarray(rows[:, : self.width]), self.leverage
 
     def nearest(
         self, query: NDArray[np.float32], chosen: NDArray[np.int64], count: int

@@ -27,11 +27,13 @@ from ssil_data.kernels.instructions import (
     POINTER,
     Vectors,
     at,
+    constant,
     fmuladd,
     fold,
     intrinsic,
 )
 from ssil_data.kernels.power import Power
+from ssil_data.kernels.products import Products
 
 BLOCK = 1024
 """References that all queries of a call pass before the next ones: they stay in the cache."""
@@ -51,25 +53,29 @@ class Tile:
         return self.lanes * self.vectors
 
 
-def emit(tile: Tile, power: Power, *, direct: bool) -> str:
+def emit(tile: Tile, power: Power, products: Products, *, direct: bool) -> str:
     """Return the text of `sums(panels, queries, sums, nearest, width, panels, tiles, p)`.
 
     panels (·, width + 2, references) float32: the dimensions, −Σx/2, leverage. queries (tiles,
-    width + 2, queries) float32: the dimensions, factor and offset of t. sums (tiles, 3, queries)
-    float64, added to: Σ l w, Σ w, Σ w². nearest (tiles · queries, panels) float32: the smallest
-    bracket in each panel. Every count is at least 1.
+    width + 2, queries) float32: the dimensions, factor and offset of t. sums (tiles,
+    products.count, queries) float64, added to. nearest (tiles · queries, panels) float32: the
+    smallest bracket in each panel. Every count is at least 1.
     """
     signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 3 + [FLOAT])
     function = ir.Function(ir.Module(), signature, "sums")
-    _Sums(ir.IRBuilder(function.append_basic_block()), tile, power, direct=direct).write()
+    builder = ir.IRBuilder(function.append_basic_block())
+    _Sums(builder, tile, power, products, direct=direct).write()
     return str(function.module)
 
 
 class _Sums:
     """Writes the function's body: blocks of panels, tiles of queries, panels, dimensions."""
 
-    def __init__(self, b: ir.IRBuilder, tile: Tile, power: Power, *, direct: bool) -> None:
-        self.b, self.tile, self.direct = b, tile, direct
+    def __init__(
+        self, b: ir.IRBuilder, tile: Tile, power: Power, products: Products, *, direct: bool
+    ) -> None:
+        self.b, self.tile, self.power, self.products = b, tile, power, products
+        self.direct = direct
         self.panels, self.queries, self.sums, self.nearest, *rest = b.function.args
         self.width, self.panel_count, self.tile_count, exponent = rest
         self.vectors = Vectors(b, tile.lanes)
@@ -98,7 +104,7 @@ class _Sums:
                 self.store_minima(brackets, first_query, place)
                 return self.weighed(query, reference, brackets, totals)
 
-            zeros = [self.vectors.zero] * (3 * self.tile.queries)
+            zeros = [self.vectors.zero] * (self.products.count * self.tile.queries)
             self.add_totals(fold(self.b, count, zeros, panel), index)
             return []
 
@@ -128,20 +134,19 @@ class _Sums:
         return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
 
     def weighed(self, query: Any, reference: Any, brackets: Sequence, totals: Sequence) -> Sequence:
-        """Add a panel's weights to the totals Σ l w, Σ w, Σ w² of all queries."""
+        """Add a panel's products to the totals of all queries."""
         factor_row, offset_row = self.width, self.b.add(self.width, INDEX(1))
         leverage = self.vectors.row(reference, offset_row, self.tile.vectors)
         factors = self.vectors.scalars(query, factor_row, self.tile.queries)
         offsets = self.vectors.scalars(query, offset_row, self.tile.queries)
         added = []
         for j in range(self.tile.queries):
-            numerator, denominator, squares = totals[j :: self.tile.queries]
+            sums = totals[j :: self.tile.queries]
             for bracket, value in zip(self.of_query(brackets, j), leverage, strict=True):
-                w = self.weight(fmuladd(self.b, bracket, factors[j], offsets[j]))
-                numerator = fmuladd(self.b, value, w, numerator)
-                denominator = self.b.fadd(denominator, w)
-                squares = fmuladd(self.b, w, w, squares)
-            added.append((numerator, denominator, squares))
+                x = fmuladd(self.b, bracket, factors[j], offsets[j])
+                u = self.b.fsub(x, constant(x.type, self.power.offset))
+                sums = self.products.add(self.b, sums, u=u, w=self.weight(x), leverage=value)
+            added.append(sums)
         return [total for kind in zip(*added, strict=True) for total in kind]
 
     def of_query(self, brackets: Sequence, j: int) -> Sequence:

@@ -7,6 +7,7 @@ import pytest
 from ssil_data.kernels import References
 from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compiled
 from ssil_data.kernels.power import Power
+from ssil_data.kernels.products import Products
 from ssil_data.kernels.tile import emit
 
 from .conftest import made
@@ -16,16 +17,17 @@ REGISTERS = {"zmm": (AVX512, "x86_64", "x86-64-v4", "-prefer-256-bit", "vfmadd")
              ".4s": (NEON, "aarch64", "neoverse-n1", "", "fmla")}  # fmt: skip
 
 
+@pytest.mark.parametrize("products", Products)
 @pytest.mark.parametrize("power", Power)
 @pytest.mark.parametrize("register", REGISTERS)
-def test_a_tile_fills_the_registers_it_is_made_for(register: str, power: Power):
+def test_a_tile_fills_the_registers_it_is_made_for(register: str, power: Power, products: Products):
     tile, kind, processor, features, multiply_add = REGISTERS[register]
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(f"{kind}-unknown-linux-gnu").create_target_machine(
         cpu=processor, features=features, opt=3
     )
-    module = llvm.parse_assembly(emit(tile, power, direct=False))
+    module = llvm.parse_assembly(emit(tile, power, products, direct=False))
     lines = machine.emit_assembly(module).splitlines()
     assert any(register in line and "max" in line for line in lines)
     assert any(register in line and multiply_add in line for line in lines)
@@ -34,8 +36,8 @@ def test_a_tile_fills_the_registers_it_is_made_for(register: str, power: Power):
 def test_code_is_compiled_once():
     host = Target.host()
     if host is not None:
-        assert compiled(host, Power.GENERAL, direct=True) is compiled(
-            host, Power.GENERAL, direct=True
+        assert compiled(host, Power.GENERAL, Products.SUMS, direct=True) is compiled(
+            host, Power.GENERAL, Products.SUMS, direct=True
         )
 
 

@@ -1,0 +1,127 @@
+"""A random part of the references, packed as it grows, and its moments about queries."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import add
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.kernels import chunked
+from ssil_data.kernels.native import GENERIC, Target
+from ssil_data.kernels.panels import Panels
+from ssil_data.kernels.passes import Pass, spread
+from ssil_data.kernels.products import Products
+from ssil_data.kernels.regression import SampleMoments
+from ssil_data.kernels.rows import Rows
+
+FIRST = 8192
+"""References in the first part of a sample; every other part doubles it."""
+
+
+class Sample:
+    """The beginning of a random order of states (n, d) with their leverage (n,).
+
+    It is read when first needed, less `centre` and `mean`, and then held.
+    """
+
+    def __init__(
+        self,
+        states: Rows,
+        leverage: NDArray[np.float32],
+        centre: NDArray[np.float32],
+        mean: float,
+        *,
+        seed: int,
+        target: Target | None,
+    ) -> None:
+        self._states, self._leverage, self._centre, self._mean = states, leverage, centre, mean
+        self._seed, self._target = seed, target
+        self._size = (target or GENERIC).tile.references
+        self._order: NDArray[np.integer] | None = None
+        self._parts: list[Panels] = []
+        self._growing = Lock()
+
+    @property
+    def largest(self) -> int:
+        """A quarter of all, in whole panels: beyond it, exact sums are the shorter way."""
+        return self._states.shape[0] // 4 // self._size * self._size
+
+    def whole(self, size: float) -> int:
+        """Return the smallest number of references of at least `size` that a sample can have."""
+        return min(int(-(-size // self._size)) * self._size, self.largest)
+
+    def moments(
+        self,
+        queries: NDArray[np.float32],
+        distance: NDArray[np.float64],
+        begin: int,
+        end: int,
+        *,
+        alpha: float,
+        threads: int | None,
+    ) -> SampleMoments:
+        """Return the moments of references `begin` to `end` about centred queries (m, d).
+
+        Both are sizes that `whole` gave; weights are relative to the kernel at `distance` (m,).
+        """
+        found = []
+        for first, panels in self._upto(end):
+            low, high = (min(max(place - first, 0), panels.count) for place in (begin, end))
+            if low < high:
+                part = panels.part(low // self._size, high // self._size)
+                found.append(self._of(queries, distance, part, alpha, threads))
+        return reduce(add, found)
+
+    def _of(
+        self,
+        queries: NDArray[np.float32],
+        distance: NDArray[np.float64],
+        panels: Panels,
+        alpha: float,
+        threads: int | None,
+    ) -> SampleMoments:
+        leverage = panels.leverage.astype(np.float64)
+        sample = np.stack([leverage**power for power in range(3)]).sum(axis=1)
+        if self._target is None:
+            states = panels.unpacked()
+            return SampleMoments(sample, chunked.moments(queries, *states, distance, alpha=alpha))
+
+        def answer(work: Pass, rows: NDArray[np.int64], panels: Panels) -> SampleMoments:
+            return SampleMoments(sample, work(queries[rows], distance[rows], panels)[0])
+
+        return spread(
+            answer,
+            queries,
+            panels,
+            Products.MOMENTS,
+            target=self._target,
+            alpha=alpha,
+            threads=threads,
+            shard=False,
+        )
+
+    def _upto(self, end: int) -> list[tuple[int, Panels]]:
+        """Return the parts that hold the first `end` references, and where each begins."""
+        with self._growing:
+            if self._order is None:
+                order = np.random.default_rng(self._seed).permutation(self._states.shape[0])
+                self._order = order[: self.largest].astype(np.uint32)
+            starts = [0]
+            while starts[-1] < end:
+                first = starts[-1]
+                size = min(max(FIRST, first), self.largest - first)
+                if len(self._parts) < len(starts):
+                    self._parts.append(self._packed(self._order[first : first + size]))
+                starts.append(first + size)
+            return list(zip(starts, self._parts, strict=False))
+
+    def _packed(self, chosen: NDArray[np.integer]) -> Panels:
+        """Read in ascending order, so that mapped files are read forwards; pack in random order."""
+        forwards = np.argsort(chosen)
+        states = np.empty((len(chosen), self._states.shape[1]), np.float32)
+        states[forwards] = self._states[chosen[forwards].astype(np.int64)]
+        leverage = self._leverage[chosen] - np.float32(self._mean)
+        return Panels.of(states, self._centre, leverage, self._size)

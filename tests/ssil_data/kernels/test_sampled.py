@@ -1,0 +1,217 @@
+"""Answers from a part of the references: as exact as asked for, honest about it, and repeatable."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ssil_data.kernels import Estimate, References, Sampled
+from ssil_data.kernels import sampled as module
+from ssil_data.kernels.native import Target
+from ssil_data.kernels.sample import FIRST
+
+from .conftest import made
+
+STORE = 120_000
+
+
+@cache
+def world(width: int = 9) -> tuple[np.ndarray, np.ndarray, References, np.ndarray]:
+    """Return states, a leverage that depends on them, all of them as references, and queries."""
+    states, noise = made(0, STORE, width)
+    leverage = (1 / (1 + np.exp(-3 * states[:, 0])) + 0.2 * noise).clip(0, 1)
+    return states, leverage, References(states, leverage), made(1, 300, width)[0]
+
+
+def sampled(seed: int = 0, *, width: int = 9, **options) -> Sampled:
+    states, leverage, references, _ = world(width)
+    return Sampled(states, leverage, lambda: references, seed=seed, **options)
+
+
+def exact(alpha: float, queries: np.ndarray | None = None) -> np.ndarray:
+    _, _, references, usual = world()
+    return references.sums(usual if queries is None else queries, alpha=alpha).values
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1.0, 3.0, 12.0])
+def test_999_of_1000_answers_lie_within_their_half_width(alpha: float):
+    queries, known, missed = world()[3], exact(alpha), 0
+    for seed in range(10):
+        found = sampled(seed).of_size(queries, alpha=alpha, size=16_384)
+        assert found.trusted.all()
+        missed += (np.abs(found.values - known) > found.half_width).sum()
+    assert missed <= 15  # of 3,000, where 3 are expected
+
+
+@pytest.mark.parametrize("alpha", [1.0, 12.0])
+def test_the_half_width_is_no_wider_than_it_must_be(alpha: float):
+    found = sampled().of_size(world()[3], alpha=alpha, size=16_384)
+    error = np.abs(found.values - exact(alpha))
+    assert np.median(error / found.half_width) > 0.1  # 0.205 of a normal distribution's
+
+
+def test_what_distance_and_leverage_explain_costs_no_width():
+    states, leverage, _, queries = world()
+    found = sampled().of_size(queries, alpha=1.0, size=16_384)
+    chosen = np.random.default_rng(0).choice(STORE, 16_384, replace=False)
+    for i in range(0, 300, 60):
+        weights = 1 / (1 + np.abs(states[chosen] - queries[i]).sum(axis=1))
+        spread = (weights * (leverage[chosen] - found.values[i])).std() / weights.mean()
+        assert found.half_width[i] < 0.6 * 3.29 * spread / np.sqrt(16_384)
+
+
+@pytest.mark.parametrize("alpha", [1.0, 12.0, 100.0])
+@pytest.mark.parametrize("tolerance", [1e-2, 2e-3, 1e-9])
+def test_a_tolerance_is_kept_by_every_answer(alpha: float, tolerance: float):
+    found = sampled().within(world()[3], alpha=alpha, tolerance=tolerance)
+    assert (found.half_width <= tolerance).all()
+    error = np.abs(found.values - exact(alpha))
+    assert (error <= np.maximum(found.half_width, 1e-6)).mean() > 0.98
+
+
+def test_a_tolerance_that_no_sample_reaches_is_answered_exactly():
+    found = sampled().within(world()[3], alpha=1.0, tolerance=1e-9)
+    assert (found.half_width == 0).all()
+    np.testing.assert_allclose(found.values, exact(1.0), atol=1e-7)
+
+
+def test_far_queries_that_few_references_decide_are_answered_exactly():
+    _, _, references, queries = world(29)
+    found = sampled(width=29).within(queries * 2, alpha=1e4, tolerance=0.5)
+    assert (found.half_width == 0).all()
+    known = references.sums(queries * 2, alpha=1e4).values
+    np.testing.assert_allclose(found.values, known, atol=1e-6)
+
+
+def test_a_lone_neighbour_that_was_not_drawn_is_within_the_half_width():
+    states, _, references, _ = world(29)
+    own = states[:200] + np.float32(0.01)
+    known = references.sums(own, alpha=20.0).values
+    found = sampled(width=29).of_size(own, alpha=20.0, size=8192)
+    error = np.abs(found.values - known)
+    assert (error > 3.29 * found.deviation).mean() > 0.05
+    assert (error <= found.half_width).all()
+
+
+def test_every_path_has_the_same_moments(target: Target | None):
+    queries = np.concatenate([world()[3][:30], world()[3][:3] * 300])
+    for alpha in (1.0, 2.0, 3.0, 7.5):
+        found = sampled(target=target).of_size(queries, alpha=alpha, size=8192)
+        plain = sampled(target=None).of_size(queries, alpha=alpha, size=8192)
+        np.testing.assert_allclose(found.values, plain.values, atol=2e-6)
+        np.testing.assert_allclose(found.half_width, plain.half_width, rtol=1e-2, atol=1e-6)
+        np.testing.assert_allclose(found.support, plain.support, rtol=1e-3)
+
+
+def assert_equal(one: Estimate, other: Estimate) -> None:
+    for name in ("values", "half_width", "effective_sample_size", "support", "influence"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_equal_seeds_give_equal_answers_and_others_do_not():
+    queries = world()[3]
+    one, same, other = (
+        sampled(seed).within(queries, alpha=1.0, tolerance=3e-3) for seed in (5, 5, 6)
+    )
+    assert_equal(one, same)
+    assert (one.values != other.values).any()
+
+
+def test_threads_change_nothing_but_rounding():
+    queries, source = world()[3], sampled()
+    alone = source.of_size(queries, alpha=3.0, size=16_384, threads=1)
+    shared = source.of_size(queries, alpha=3.0, size=16_384, threads=3)
+    np.testing.assert_allclose(alone.values, shared.values, atol=1e-9)
+
+
+def test_one_sample_answers_many_threads_at_once():
+    queries, source = world()[3], sampled()
+    expected = sampled().within(queries, alpha=1.0, tolerance=2e-3)
+    with ThreadPoolExecutor(4) as pool:
+        answers = pool.map(lambda _: source.within(queries, alpha=1.0, tolerance=2e-3), range(8))
+    for answer in answers:
+        np.testing.assert_allclose(answer.values, expected.values, atol=1e-9)
+
+
+def test_an_answer_is_grown_from_the_same_sample_whatever_the_batch():
+    queries, source = world()[3], sampled()
+    whole = source.of_size(queries, alpha=1.0, size=20_000)
+    parts = [source.of_size(part, alpha=1.0, size=20_000) for part in np.split(queries, 3)]
+    np.testing.assert_allclose(
+        np.concatenate([part.values for part in parts]), whole.values, atol=1e-8
+    )
+
+
+def test_constant_leverage_returns_itself_with_no_width():
+    states = world()[0]
+    leverage = np.full(STORE, 0.3, np.float32)
+    source = Sampled(states, leverage, lambda: References(states, leverage))
+    found = source.within(world()[3], alpha=1.0, tolerance=1e-6)
+    np.testing.assert_allclose(found.values, 0.3, atol=1e-7)
+    assert (found.half_width < 1e-7).all()
+
+
+def test_values_stay_within_the_leverages():
+    found = sampled().of_size(world()[3] * np.float32(3), alpha=50.0, size=8192)
+    leverage = world()[1]
+    assert (found.values >= leverage.min()).all()
+    assert (found.values <= leverage.max()).all()
+
+
+@pytest.mark.parametrize("seconds", [1e-6, 60.0])
+def test_time_buys_a_larger_sample_and_in_the_end_all(seconds: float):
+    found = sampled().in_time(world()[3], alpha=1.0, seconds=seconds)
+    error = np.abs(found.values - exact(1.0))
+    if seconds > 1:
+        assert (found.half_width == 0).all()
+    else:
+        assert (found.half_width > 0).all()
+        smallest = sampled().of_size(world()[3], alpha=1.0, size=FIRST)
+        np.testing.assert_allclose(found.half_width, smallest.half_width)
+    assert (error <= np.maximum(found.half_width, 1e-6)).mean() > 0.98
+
+
+def test_an_answer_without_support_says_that_it_knows_nothing():
+    _, leverage, _, queries = world(29)
+    found = sampled(width=29).in_time(queries[:20] * 2, alpha=1e4, seconds=1e-6)
+    assert not found.trusted.any()
+    room = np.maximum(found.values - leverage.min(), leverage.max() - found.values)
+    np.testing.assert_allclose(found.half_width, room)
+
+
+def test_weights_beyond_float32_leave_nothing_known():
+    queries = world()[3][:20] * np.float32(1e4)
+    found = sampled().in_time(queries, alpha=200.0, seconds=1e-6)
+    assert np.isfinite(found.values).all()
+    assert (found.half_width >= 0.5).all()
+    exactly = sampled().within(queries, alpha=200.0, tolerance=0.1)
+    np.testing.assert_allclose(exactly.values, exact(200.0, queries), atol=1e-6)
+
+
+def test_few_references_are_all_asked(monkeypatch: pytest.MonkeyPatch):
+    states, leverage, _, queries = world()
+    few = Sampled(states[:500], leverage[:500], lambda: References(states[:500], leverage[:500]))
+    found = few.within(queries, alpha=1.0, tolerance=0.5)
+    assert (found.half_width == 0).all()
+    assert few.in_time(queries, alpha=1.0, seconds=1e-9).half_width.max() == 0
+    assert sampled().within(queries[:0], alpha=1.0, tolerance=0.1).values.shape == (0,)
+
+
+def test_a_mapped_file_is_read_in_parts(tmp_path):
+    states, leverage, references, queries = world()
+    np.save(tmp_path / "states.npy", states)
+    mapped = np.load(tmp_path / "states.npy", mmap_mode="r")
+    found = Sampled(mapped, leverage, lambda: references, seed=3).within(
+        queries, alpha=1.0, tolerance=2e-3
+    )
+    assert_equal(found, sampled(3).within(queries, alpha=1.0, tolerance=2e-3))
+
+
+def test_what_is_known_of_all_states_is_read_once(monkeypatch: pytest.MonkeyPatch):
+    made_from, real = [], module.Totals
+    monkeypatch.setattr(module, "Totals", lambda *a: made_from.append(1) or real(*a))
+    source = sampled()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: source.of_size(world()[3], alpha=1.0, size=FIRST), range(4)))
+    assert len(made_from) == 1
