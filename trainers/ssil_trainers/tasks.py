@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 import ssil_trainers.envs  # noqa: F401  registers the ids
@@ -14,7 +15,7 @@ TASKS = {"racetrack": "SSILRacetrack-v0", "rc-lidar": "RCLidar-v0"}
 """Short names; any other registered gymnasium id is meant as it stands."""
 
 
-def spec_of(name: str) -> gymnasium.envs.registration.EnvSpec:
+def spec_of(name: str) -> EnvSpec:
     """Look a task up; raises NotFoundError."""
     try:
         return gymnasium.spec(TASKS.get(name, name))
@@ -38,6 +39,4 @@ def side_by_side(name: str, count: int) -> VectorEnv[Any, Any, Any]:
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs=count)
     modes: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    return gymnasium.make_vec(
-        spec, num_envs=count, vectorization_mode="sync", vector_kwargs=modes
-    )
+    return gymnasium.make_vec(spec, num_envs=count, vectorization_mode="sync", vector_kwargs=modes)
