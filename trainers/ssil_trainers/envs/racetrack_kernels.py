@@ -109,12 +109,13 @@ class Cars(NamedTuple):
         action, slip = np.zeros((count, 2)), np.zeros((count, 2))
         return cls(pose, np.zeros(count, dtype=np.int64), local, action, slip)
 
-    def act(self, which: NDArray[np.int64], actions: Floats, motion: Motion) -> None:
-        """Set the actions (n, 2) of some cars."""
-        wheel, most = actions[which, 1], motion.steering
-        angles = np.stack([(wheel + 1.0) * (2 * most) / 2 - most, wheel * most], axis=1)
-        self.action[which] = actions[which]
-        self.slip[which] = np.arctan(0.5 * np.tan(angles))
+    def act(self, actions: Floats, motion: Motion) -> None:
+        """Set the actions (n, 2) of all cars."""
+        wheel, most = actions[:, 1], motion.steering
+        self.action[:] = actions
+        self.slip[:, 0] = (wheel + 1.0) * (2 * most) / 2 - most
+        self.slip[:, 1] = wheel * most
+        np.arctan(0.5 * np.tan(self.slip), out=self.slip)
 
 
 _compiled: Any = njit(cache=True, error_model="numpy", nogil=True)

@@ -146,7 +146,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             raise ResetNeeded(f"cars {np.flatnonzero(self._ended)} must be reset")
         moving = ~self._ended
         restarted, moved = np.flatnonzero(self._ended), np.flatnonzero(moving)
-        self._cars.act(moved, chosen, self._motion)
+        self._cars.act(chosen, self._motion)
         kernels.drive(self._cars, moved, self._motion)
         self._see(moved)
         rewards = self._rewards * moving
