@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ssil_data.client import ServiceError, connect
     from ssil_data.dataset import Dataset
     from ssil_data.demonstrations import Episode, Pairs
     from ssil_data.errors import (
@@ -51,10 +52,12 @@ _HOME = {
     "Quantile": "leverage",
     "Recipe": "scoring",
     "Run": "runs",
+    "ServiceError": "client",
     "SsilDataError": "errors",
     "Store": "store",
     "VAE": "estimators",
     "WindowVAE": "estimators",
+    "connect": "client",
     "preset": "scoring",
     "quality": "quality",
     "rescore": "scoring",
@@ -82,9 +85,11 @@ __all__ = [
     "Quantile",
     "Recipe",
     "Run",
+    "ServiceError",
     "SsilDataError",
     "Store",
     "WindowVAE",
+    "connect",
     "preset",
     "quality",
     "rescore",

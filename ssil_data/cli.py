@@ -35,6 +35,17 @@ app.command(
     name="collect",
     help="Drive, and write the demonstrations as a dataset.",
 )
+app.command(
+    "ssil_service.serve:serve",
+    name="serve",
+    help="Serve leverage and LCoR over REST.",
+)
+app.command("ssil_trainers.train:train", name="train", help="Train a policy: GAIL, MixGAIL, SSIL.")
+app.command(
+    "ssil_trainers.evaluate:evaluate",
+    name="evaluate",
+    help="Drive the real environment by a policy file.",
+)
 
 
 def main(words: Sequence[str] | None = None) -> NoReturn:

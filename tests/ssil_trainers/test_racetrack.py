@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -9,8 +11,16 @@ import ssil_trainers.envs  # noqa: F401  registers the id
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from ssil_trainers.envs.racetrack import HIGHWAY_IDS, STATE_NAMES, RacetrackEnv, Track
 from ssil_trainers.envs.racetrack_state import Car, observe, underlying_reward
+from ssil_trainers.envs.starts import Start
+from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as stable_baselines_check
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
 
+from ssil_data.errors import InvalidInputError
+from ssil_data.store import Store
+
+DATASETS = Path(__file__).parents[2] / "datasets"
 STRAIGHT_ON = np.array([0.3, 0.0], dtype=np.float32)
 
 
@@ -53,6 +63,73 @@ def test_a_careful_driver_goes_round_every_track_and_sees_only_the_observation_s
     assert all(env.observation_space.contains(state) for state in states)
 
 
+def test_ppo_learns_it_out_of_the_box() -> None:
+    learner = PPO("MlpPolicy", make_vec_env("SSILRacetrack-v0", 8, seed=0), n_steps=256, seed=0)
+    test = make_vec_env("SSILRacetrack-v0", 1, seed=100)
+    before, _ = evaluate_policy(learner, test, n_eval_episodes=3, return_episode_rewards=True)
+    learner.learn(12_000)
+    after, _ = evaluate_policy(learner, test, n_eval_episodes=3, return_episode_rewards=True)
+    # 1,000 steps as fast as the car goes are worth about 20,000.
+    assert np.mean(before) < 2_000
+    assert np.mean(after) > 10_000
+
+
+def traffic(env: RacetrackEnv, *, ahead: float, speed: float = 0.0) -> None:
+    """Put the only other vehicle so many metres ahead, in the middle of the car's lane."""
+    (other,) = env._others()
+    car, lane = env.car, env._simulator.vehicle.lane
+    other.position = lane.position(car.longitudinal + ahead, 0.0)
+    other.heading, other.speed, other.target_speed = lane.heading_at(0.0), speed, speed
+    other.on_state_update()
+
+
+def test_rays_stop_at_the_box_of_another_vehicle() -> None:
+    env = RacetrackEnv(other_vehicles=1)
+    env.reset(seed=0, options={"start": Start(0, 5.0, 0.0)})
+    traffic(env, ahead=32.5)
+    state, *_ = env.step(np.zeros(2, dtype=np.float32))
+    # The box is 5 m long; the first straight goes on for longer.
+    assert state[STATE_NAMES.index("ray 0°")] * 60 == pytest.approx(30.0, abs=0.01)
+    free, _ = RacetrackEnv().reset(options={"start": Start(0, 5.0, 0.0)})
+    others = [STATE_NAMES.index(f"ray {degrees}°") for degrees in (-90, -30, 30, 90)]
+    np.testing.assert_allclose(state[others], free[others], atol=1e-6)
+
+
+def test_hitting_another_vehicle_ends_the_episode_on_the_road() -> None:
+    env = RacetrackEnv(other_vehicles=1)
+    env.reset(seed=0, options={"start": Start(0, 5.0, 15.0)})
+    traffic(env, ahead=20.0)
+    ended, steps = False, 0
+    while not ended:
+        _, _, ended, truncated, _ = env.step(np.zeros(2, dtype=np.float32))
+        steps += 1
+        assert not truncated
+    assert 8 <= steps <= 11  # 15 m from bumper to bumper at 15 m/s
+    assert abs(env.car.lateral) < 0.1
+
+
+def test_starts_are_clear_of_other_vehicles_and_drawn_by_the_seed() -> None:
+    env, again = RacetrackEnv(other_vehicles=8), RacetrackEnv(other_vehicles=8)
+    counts = set()
+    for seed in range(15):
+        state, info = env.reset(seed=seed)
+        away = [np.linalg.norm(v.position - info["position"]) for v in env._others()]
+        assert min(away) >= 20
+        counts.add(len(away))
+        np.testing.assert_array_equal(state, again.reset(seed=seed)[0])
+        for _ in range(5):
+            action = steer_home(state)
+            state, *_ = env.step(action)
+            np.testing.assert_array_equal(state, again.step(action)[0])
+    assert min(counts) < max(counts) <= 8
+
+
+def test_traffic_stays_in_the_observation_space() -> None:
+    stable_baselines_check(RacetrackEnv("oval", other_vehicles=4, policy_hz=5))
+    with pytest.raises(InvalidInputError, match="other_vehicles: expected at least 0, found -1"):
+        RacetrackEnv(other_vehicles=-1)
+
+
 def test_wild_driving_stays_in_the_observation_space() -> None:
     env = RacetrackEnv()
     rng = np.random.default_rng(0)
@@ -69,6 +146,37 @@ def test_same_seed_same_trajectory() -> None:
     first, second = RacetrackEnv(), RacetrackEnv()
     drive(second, seed=1, steps=20)
     np.testing.assert_array_equal(drive(first, 5, steps=100), drive(second, 5, steps=100))
+
+
+def test_committed_demonstrations_repeat() -> None:
+    dataset, env = Store(DATASETS)["racetrack"], RacetrackEnv()
+    for episode, seed in ((0, 80), (214, 1067)):  # found by trying
+        recorded = dataset.episode(episode)
+        state, _ = env.reset(seed=seed)
+        for expected, action in zip(recorded.states, recorded.actions, strict=True):
+            np.testing.assert_allclose(state, expected, rtol=0, atol=1e-6)
+            state, *_ = env.step(action)
+
+
+@pytest.mark.parametrize("policy_hz", [5, 20])
+def test_a_decision_lasts_as_long_as_the_rate_says(policy_hz: int) -> None:
+    env = RacetrackEnv("oval", policy_hz=policy_hz)
+    assert env.metadata["render_fps"] == policy_hz
+    _, info = env.reset(options={"start": Start(0, 20.0, 10.0)})
+    onward = env.step(np.zeros(2, dtype=np.float32))[4]
+    assert np.linalg.norm(onward["position"] - info["position"]) == pytest.approx(10 / policy_hz)
+
+
+def test_a_rate_that_highway_env_would_round_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="divisor of the simulation's 20 Hz, found 3"):
+        RacetrackEnv(policy_hz=3)
+
+
+def test_an_action_that_is_not_finite_is_refused() -> None:
+    env = RacetrackEnv()
+    env.reset(seed=0)
+    with pytest.raises(InvalidInputError, match=r"found \[nan  0.\]"):
+        env.step(np.array([np.nan, 0.0], dtype=np.float32))
 
 
 def test_starts_vary_along_the_lap() -> None:

@@ -7,7 +7,8 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ssil_trainers.envs.racetrack import HIGHWAY_IDS, POLICY_HZ, SIMULATION_HZ, START_SPEEDS
+from ssil_trainers.envs.highway import HIGHWAY_IDS, SIMULATION_HZ
+from ssil_trainers.envs.starts import START_SPEEDS
 from ssil_trainers.ppo import PPOSettings
 from ssil_trainers.racetrack_demonstrations import Collected, RacetrackSettings, Taken
 from ssil_trainers.tiers import BANDS, EXPERT
@@ -60,7 +61,8 @@ expert's mean return, which is {collected.expert_return:,.0f}.
 
 ## How it was made
 
-- Simulator: one car, {SIMULATION_HZ} Hz simulation, {POLICY_HZ} Hz decisions, speeds 0–20 m/s.
+- Simulator: {_alone(settings)}, {SIMULATION_HZ} Hz simulation, {settings.policy_hz} Hz decisions, \
+speeds 0–20 m/s.
   An episode starts anywhere on the lap, in the middle of a lane, at {slow:.0f}–{fast:.0f} m/s; it
   ends beyond the edge of the road and is cut off after {settings.episode_steps:,} steps.
 - R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ, speeds in m/s, d the offset in 5 m.
@@ -80,6 +82,15 @@ expert's mean return, which is {collected.expert_return:,.0f}.
 
 {_drivers(collected)}
 """
+
+
+def _alone(settings: RacetrackSettings) -> str:
+    if not settings.other_vehicles:
+        return "one car"
+    return (
+        f"one car among up to {settings.other_vehicles} of highway-env's, which stop rays and end "
+        "an episode when hit"
+    )
 
 
 def _chosen(settings: RacetrackSettings) -> str:

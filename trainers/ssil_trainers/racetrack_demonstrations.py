@@ -11,7 +11,8 @@ from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 from ssil_data.scoring import Progress
 from ssil_trainers.drivers import School, drives_within
-from ssil_trainers.envs.racetrack import RacetrackEnv, Track
+from ssil_trainers.envs.highway import POLICY_HZ, Track, check_task
+from ssil_trainers.envs.racetrack import RacetrackEnv
 from ssil_trainers.ppo import PPOSettings
 from ssil_trainers.recording import Course, Drive, first_pairs
 from ssil_trainers.tiers import BANDS, EXPERT, pick
@@ -30,6 +31,10 @@ class RacetrackSettings:
     ----------
     track:
         highway-env's racetrack.
+    policy_hz:
+        Decisions a second, a divisor of 20; 5 is harder than 10.
+    other_vehicles:
+        Most other vehicles on the road, highway-env's own.
     labeled:
         Labeled expert pairs.
     unlabeled:
@@ -57,6 +62,8 @@ class RacetrackSettings:
     """
 
     track: Track = "default"
+    policy_hz: int = POLICY_HZ
+    other_vehicles: int = 0
     labeled: int = 1_200
     unlabeled: int = 24_000
     segment: int = 200
@@ -82,6 +89,7 @@ class RacetrackSettings:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be collected, before anything is trained."""
+        check_task(self.track, policy_hz=self.policy_hz, other_vehicles=self.other_vehicles)
         for name in _COUNTS:
             if not getattr(self, name) > 0:
                 raise InvalidInputError(f"{name}: expected at least 1, found {getattr(self, name)}")
@@ -144,7 +152,12 @@ def collect_racetrack(
     """
 
     def make_env() -> RacetrackEnv:
-        return RacetrackEnv(settings.track, episode_steps=settings.episode_steps)
+        return RacetrackEnv(
+            settings.track,
+            policy_hz=settings.policy_hz,
+            other_vehicles=settings.other_vehicles,
+            episode_steps=settings.episode_steps,
+        )
 
     course = Course(make_env(), first_seed=seed * _SEEDS_APART, tremble=settings.tremble)
     school = School(make_env, course, seed, progress)

@@ -2,4 +2,13 @@
 
 import gymnasium
 
-gymnasium.register(id="SSILRacetrack-v0", entry_point="ssil_trainers.envs.racetrack:RacetrackEnv")
+gymnasium.register(
+    id="SSILRacetrack-v0",
+    entry_point="ssil_trainers.envs.racetrack:RacetrackEnv",
+    vector_entry_point="ssil_trainers.envs.racetrack_twin:RacetrackVectorEnv",
+)
+gymnasium.register(
+    id="RCLidar-v0",
+    entry_point="ssil_trainers.envs.rc_lidar:RCLidarEnv",
+    vector_entry_point="ssil_trainers.envs.rc_lidar:RCLidarVectorEnv",
+)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import gymnasium
 import highway_env  # noqa: F401  registers the simulator's ids
@@ -12,7 +12,17 @@ from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.racetrack_kernels import Motion
 from ssil_trainers.envs.racetrack_state import CAR_LENGTH, STEERING_LIMIT
 
-__all__ = ["HIGHWAY_IDS", "POLICY_HZ", "SIMULATION_HZ", "Simulator", "Track", "motion", "simulator"]
+__all__ = [
+    "HIGHWAY_IDS",
+    "POLICY_HZ",
+    "SIMULATION_HZ",
+    "SPEED_RANGE",
+    "Simulator",
+    "Track",
+    "check_task",
+    "motion",
+    "simulator",
+]
 
 Track = Literal["default", "large", "oval"]
 HIGHWAY_IDS: dict[Track, str] = {
@@ -25,20 +35,28 @@ ACCELERATION_LIMIT = 5.0
 SPEED_RANGE = (0.0, 20.0)
 
 
+def check_task(track: Track, *, policy_hz: int, other_vehicles: int) -> None:
+    """Raise InvalidInputError for a task that highway-env cannot pose.
+
+    At a rate that does not divide its own, it would drive fewer frames than a decision lasts.
+    """
+    if track not in HIGHWAY_IDS:
+        known = ", ".join(HIGHWAY_IDS)
+        raise InvalidInputError(f"track: expected one of {known}, found {track!r}")
+    if policy_hz < 1 or SIMULATION_HZ % policy_hz:
+        raise InvalidInputError(
+            f"policy_hz: expected a divisor of the simulation's {SIMULATION_HZ} Hz, "
+            f"found {policy_hz}"
+        )
+    if other_vehicles < 0:
+        raise InvalidInputError(f"other_vehicles: expected at least 0, found {other_vehicles}")
+
+
 def simulator(
     track: Track, *, policy_hz: int, other_vehicles: int, render_mode: str | None
 ) -> Simulator:
-    """Make highway-env's racetrack.
-
-    Raises InvalidInputError for an unknown track, a rate that does not divide the simulation's
-    (highway-env would drive fewer frames than a decision lasts), or fewer than no vehicles.
-    """
-    if track not in HIGHWAY_IDS:
-        known = ", ".join(get_args(Track))
-        raise InvalidInputError(f"track: expected one of {known}, found {track!r}")
-    if other_vehicles < 0:
-        raise InvalidInputError(f"other_vehicles: expected at least 0, found {other_vehicles}")
-    motion(policy_hz)
+    """Make highway-env's racetrack; raises InvalidInputError as `check_task`."""
+    check_task(track, policy_hz=policy_hz, other_vehicles=other_vehicles)
     config = {
         # highway-env must observe something; nothing is the fastest.
         "observation": {"type": "AttributesObservation", "attributes": []},
@@ -65,11 +83,6 @@ def simulator(
 
 def motion(policy_hz: int) -> Motion:
     """Return the constants of the car's motion at so many decisions a second."""
-    if policy_hz < 1 or SIMULATION_HZ % policy_hz:
-        raise InvalidInputError(
-            f"policy_hz: expected a divisor of the simulation's {SIMULATION_HZ} Hz, "
-            f"found {policy_hz}"
-        )
     slowest, fastest = SPEED_RANGE
     return Motion(
         acceleration=ACCELERATION_LIMIT,

@@ -1,8 +1,11 @@
 """The compiled half of the racetrack: lanes, rays, motion, state and reward as numba functions.
 
 All of them stand in this one file because numba's cache knows the time stamp of no other; for the
-same reason every constant of the environment is an argument (`Sight`, `Motion`). Nothing here is
-reordered for speed or contracted, so `ray_distances` gives the bits that NumPy gives.
+same reason every constant of the environment is an argument (`Sight`, `Motion`).
+
+Last bits matter: a start is in the very middle of a lane, whose rays may just touch an edge or just
+miss it, and where sections overlap two lanes are equally near. So nothing here is reordered or
+contracted, and tangents and their inverses, which NumPy vectorises in its own way, come from NumPy.
 
 Motion and the choice of the lane are highway-env's: the kinematic bicycle of its `Vehicle`, and the
 lane that is nearest when metres off the lane and radians against it are added up.
@@ -14,7 +17,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 _TOUCH = 1e-9
@@ -28,8 +32,8 @@ class Lanes(NamedTuple):
 
     turn: 0 straight, 1 where the heading grows, -1 where it falls. x, y: start of a straight,
     centre of a turn. along_x, along_y, heading: direction of a straight; radius, phase: of a turn,
-    and its angle at the start. length in metres; curvature in 1/m; axis_offset: metres from the road's
-    centre line to the lane's, right positive; half_width: metres of the road, all lanes together;
+    and its angle at the start. length in metres; curvature in 1/m; axis_offset: metres from the
+    road's centre line to the lane's, right positive; half_width: metres of the whole road;
     following: the row of the lane that continues this one.
     """
 
@@ -60,12 +64,11 @@ class Edges(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What a state is made of: cosines and sines of the rays' angles off the car's axis, metres
-    that a ray reaches, metres ahead at which the curvature is seen, and the units of the state.
+    """What a state is made of: angles of the rays off the car's axis [rad], metres that a ray
+    reaches, metres ahead at which the curvature is seen, and the units of the state.
     """
 
-    ray_cos: Floats
-    ray_sin: Floats
+    rays: Floats
     reach: float
     ahead: Floats
     offset_scale: float
@@ -89,23 +92,46 @@ class Motion(NamedTuple):
 
 class Cars(NamedTuple):
     """Where n cars are: pose (n, 4) x, y [m], heading [rad], speed [m/s]; the row of their lane;
-    local (n, 3) metres along and off that lane and heading error [rad]; their last action (n, 2).
+    local (n, 3) metres along and off that lane and heading error [rad]; their last action (n, 2);
+    the slip (n, 2) [rad] that it makes, once as highway-env reckons it and once as a state does.
     """
 
     pose: Floats
     lane: NDArray[np.int64]
     local: Floats
     action: Floats
+    slip: Floats
 
     @classmethod
     def parked(cls, count: int) -> Cars:
         """Return so many cars that are nowhere yet."""
-        lanes = np.zeros(count, dtype=np.int64)
-        return cls(np.zeros((count, 4)), lanes, np.zeros((count, 3)), np.zeros((count, 2)))
+        pose, local = np.zeros((count, 4)), np.zeros((count, 3))
+        action, slip = np.zeros((count, 2)), np.zeros((count, 2))
+        return cls(pose, np.zeros(count, dtype=np.int64), local, action, slip)
+
+    def act(self, actions: Floats, motion: Motion) -> None:
+        """Set the actions (n, 2) of all cars."""
+        wheel, most = actions[:, 1], motion.steering
+        self.action[:] = actions
+        self.slip[:, 0] = (wheel + 1.0) * (2 * most) / 2 - most
+        self.slip[:, 1] = wheel * most
+        np.arctan(0.5 * np.tan(self.slip), out=self.slip)
 
 
 _compiled: Any = njit(cache=True, error_model="numpy", nogil=True)
 """Divisions by zero give inf or nan, as in NumPy."""
+
+
+def _fused(_: Any, a: types.Type, b: types.Type, c: types.Type) -> Any:
+    """Return a·b + c rounded once, as BLAS reckons the second product of a sum of two."""
+
+    def generate(_: Any, builder: Any, __: Any, numbers: Any) -> Any:
+        return builder.fma(*numbers)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
+
+
+_fma: Any = intrinsic(_fused)
 
 
 @_compiled
@@ -119,11 +145,10 @@ def _beyond(longitudinal: float, length: float) -> float:
 
 
 @_compiled
-def _on_turn(lanes: Lanes, row: int, away_x: float, away_y: float) -> float:
-    """Return the metres along a turn of a point off its centre."""
-    angle = _wrapped(math.atan2(away_y, away_x) - lanes.phase[row])
+def _on_turn(lanes: Lanes, row: int, angle: float) -> float:
+    """Return the metres along a turn of a point at an angle from its centre."""
     phase = lanes.phase[row]
-    return lanes.turn[row] * (phase + angle - phase) * lanes.radius[row]
+    return lanes.turn[row] * (phase + _wrapped(angle - phase) - phase) * lanes.radius[row]
 
 
 @_compiled
@@ -135,10 +160,11 @@ def _heading_at(lanes: Lanes, row: int, longitudinal: float) -> float:
 
 
 @_compiled
-def _locate(cars: Cars, car: int, lanes: Lanes) -> None:
+def _locate(cars: Cars, car: int, lanes: Lanes, angles: Floats) -> None:
     """Find the car's lane, the first of the nearest, and where on it the car is.
 
-    Metres off a lane are a lower bound of the distance to it, so most turns need no angle.
+    Metres off a lane are a lower bound of the distance to it. Where sections overlap by a few
+    degrees, the last bit decides between their lanes: hence `_fma`, and angles from NumPy.
     """
     x, y, heading = cars.pose[car, 0], cars.pose[car, 1], cars.pose[car, 2]
     nearest = math.inf
@@ -146,15 +172,15 @@ def _locate(cars: Cars, car: int, lanes: Lanes) -> None:
         away_x, away_y = x - lanes.x[row], y - lanes.y[row]
         turn = lanes.turn[row]
         if turn == 0:
-            lateral = away_y * lanes.along_x[row] - away_x * lanes.along_y[row]
+            lateral = _fma(away_y, lanes.along_x[row], -away_x * lanes.along_y[row])
             if abs(lateral) >= nearest:
                 continue
-            longitudinal = away_x * lanes.along_x[row] + away_y * lanes.along_y[row]
+            longitudinal = _fma(away_y, lanes.along_y[row], away_x * lanes.along_x[row])
         else:
-            lateral = turn * (lanes.radius[row] - math.sqrt(away_x * away_x + away_y * away_y))
+            lateral = turn * (lanes.radius[row] - math.sqrt(_fma(away_y, away_y, away_x * away_x)))
             if abs(lateral) >= nearest:
                 continue
-            longitudinal = _on_turn(lanes, row, away_x, away_y)
+            longitudinal = _on_turn(lanes, row, angles[row])
         off = abs(lateral) + _beyond(longitudinal, lanes.length[row])
         if off >= nearest:
             continue
@@ -171,10 +197,8 @@ def _drive(cars: Cars, car: int, motion: Motion) -> None:
     """Drive the car for one decision; too fast, it is slowed down as highway-env does."""
     x, y = cars.pose[car, 0], cars.pose[car, 1]
     heading, speed = cars.pose[car, 2], cars.pose[car, 3]
-    throttle, steering = cars.action[car, 0], cars.action[car, 1]
+    throttle, slip = cars.action[car, 0], cars.slip[car, 0]
     acceleration = (throttle + 1.0) * (2 * motion.acceleration) / 2 - motion.acceleration
-    angle = (steering + 1.0) * (2 * motion.steering) / 2 - motion.steering
-    slip = math.atan(0.5 * math.tan(angle))
     for _ in range(motion.frames):
         if speed > motion.fastest:
             acceleration = min(acceleration, motion.fastest - speed)
@@ -245,16 +269,15 @@ def _observe(
     """Write the state (29,) of the car; return its reward."""
     speed, longitudinal = cars.pose[car, 3], cars.local[car, 0]
     lateral, error = cars.local[car, 1], cars.local[car, 2]
-    lane, rays = cars.lane[car], sight.ray_cos.size
-    cos, sin = math.cos(cars.pose[car, 2]), math.sin(cars.pose[car, 2])
-    ray_cos, ray_sin = np.empty(rays), np.empty(rays)
+    lane, rays = cars.lane[car], sight.rays.size
+    cos, sin = np.empty(rays), np.empty(rays)
     for ray in range(rays):
-        ray_cos[ray] = cos * sight.ray_cos[ray] - sin * sight.ray_sin[ray]
-        ray_sin[ray] = sin * sight.ray_cos[ray] + cos * sight.ray_sin[ray]
+        angle = cars.pose[car, 2] + sight.rays[ray]
+        cos[ray], sin[ray] = math.cos(angle), math.sin(angle)
     state[:rays] = sight.reach
-    ray_distances(cars.pose[car, 0], cars.pose[car, 1], ray_cos, ray_sin, edges, state[:rays])
+    ray_distances(cars.pose[car, 0], cars.pose[car, 1], cos, sin, edges, state[:rays])
     state[:rays] /= sight.reach
-    slip = math.atan(0.5 * math.tan(cars.action[car, 1] * motion.steering))
+    slip = cars.slip[car, 1]
     forward, sideways = speed * math.cos(slip), speed * math.sin(slip)
     offset = (lateral + lanes.axis_offset[lane]) / sight.offset_scale
     state[rays] = error
@@ -273,42 +296,14 @@ def _observe(
 
 
 @_compiled
-def step(
-    cars: Cars,
-    moving: NDArray[np.bool_],
-    lanes: Lanes,
-    edges: Edges,
-    sight: Sight,
-    motion: Motion,
-    states: Floats,
-    rewards: Floats,
-    off_road: NDArray[np.bool_],
-) -> None:
-    """Drive the cars that are moving for one decision, by `cars.action`.
-
-    Writes states (n, 29), rewards (n,) and whether each car has left the road (n,).
-    """
-    for car in range(moving.size):
-        if moving[car]:
-            _drive(cars, car, motion)
-            _locate(cars, car, lanes)
-            rewards[car] = _observe(cars, car, lanes, edges, sight, motion, states[car])
-            lane = cars.lane[car]
-            off = abs(cars.local[car, 1] + lanes.axis_offset[lane])
-            off_road[car] = off > lanes.half_width[lane]
+def drive(cars: Cars, which: NDArray[np.int64], motion: Motion) -> None:
+    """Drive the cars `which` (k,) for one decision, by the actions that were set."""
+    for car in which:
+        _drive(cars, car, motion)
 
 
 @_compiled
-def place(
-    cars: Cars,
-    which: NDArray[np.int64],
-    starts: Floats,
-    lanes: Lanes,
-    edges: Edges,
-    sight: Sight,
-    motion: Motion,
-    states: Floats,
-) -> None:
+def place(cars: Cars, which: NDArray[np.int64], starts: Floats, lanes: Lanes) -> None:
     """Put the cars `which` (k,) at starts (k, 3): row of the lane, metres along it, speed."""
     for number in range(which.size):
         car, row = which[number], int(starts[number, 0])
@@ -323,5 +318,31 @@ def place(
         cars.pose[car, 2] = _heading_at(lanes, row, longitudinal)
         cars.pose[car, 3] = starts[number, 2]
         cars.action[car] = 0.0
-        _locate(cars, car, lanes)
-        _observe(cars, car, lanes, edges, sight, motion, states[car])
+        cars.slip[car] = 0.0
+
+
+@_compiled
+def see(
+    cars: Cars,
+    which: NDArray[np.int64],
+    angles: Floats,
+    lanes: Lanes,
+    edges: Edges,
+    sight: Sight,
+    motion: Motion,
+    states: Floats,
+    rewards: Floats,
+    off_road: NDArray[np.bool_],
+) -> None:
+    """Find the lanes of the cars `which` (k,), and write what they see and are worth.
+
+    angles (k, lanes) are those of the cars from the lanes' x, y. Writes rows of states (n, 29),
+    rewards (n,) and off_road (n,): whether the middle of the car is beyond an edge.
+    """
+    for number in range(which.size):
+        car = which[number]
+        _locate(cars, car, lanes, angles[number])
+        rewards[car] = _observe(cars, car, lanes, edges, sight, motion, states[car])
+        lane = cars.lane[car]
+        off = abs(cars.local[car, 1] + lanes.axis_offset[lane])
+        off_road[car] = off > lanes.half_width[lane]

@@ -36,8 +36,7 @@ STATE_HIGH = np.array([1.0] * 19 + [np.pi, 3, 1.1, 0.5, 4, 1, 1] + [2.5] * 3, dt
 STATE_LOW = np.array([0.0] * 19 + [-np.pi, -3, -0.1, -0.5, -4, -1, -1] + [-2.5] * 3, np.float32)
 
 SIGHT = Sight(
-    ray_cos=np.cos(np.deg2rad(RAY_DEGREES)),
-    ray_sin=np.sin(np.deg2rad(RAY_DEGREES)),
+    rays=np.deg2rad(RAY_DEGREES),
     reach=RAY_REACH,
     ahead=np.array(CURVATURE_AHEAD),
     offset_scale=OFFSET_SCALE,
@@ -87,12 +86,10 @@ def observe(
     axis in 20 m/s, yaw rate [rad/s], previous action (2), curvature 5, 12 and 22 m ahead in 1/20 m.
     boxes (b, 4), sides of other vehicles, stop rays like the edge does.
 
-    The slip is NumPy's, whose tangent differs from the compiled twin's in the last bit: committed
-    demonstrations repeat bit by bit only with it.
+    The compiled twin has its own form of this, and the tests hold the two together.
     """
     forward, sideways = car.speed * np.cos(car.slip), car.speed * np.sin(car.slip)
-    angles = car.heading + np.deg2rad(RAY_DEGREES)
-    rays = road.ray_distances(car.x, car.y, angles, RAY_REACH, boxes)
+    rays = road.ray_distances(car.x, car.y, car.heading + SIGHT.rays, RAY_REACH, boxes)
     ahead = [road.curvature_ahead(car.lane, car.longitudinal, far) for far in CURVATURE_AHEAD]
     motion = [
         car.heading_error,

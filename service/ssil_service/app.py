@@ -1,0 +1,131 @@
+"""The application: parts, routes, and every error as a problem."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from typing import Any
+
+from fastapi import Depends, FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.routing import Match
+
+from ssil_data.errors import SsilDataError
+from ssil_data.store import Store
+from ssil_service.catalogue import Catalogue
+from ssil_service.context import Context
+from ssil_service.decoder import Decoder
+from ssil_service.edge import Edge
+from ssil_service.gate import Gate
+from ssil_service.jobs import Board
+from ssil_service.keys import Keys, may_read, may_write
+from ssil_service.metrics import Metrics
+from ssil_service.openapi import described
+from ssil_service.pool import Pool
+from ssil_service.problems import Problem, of_library, of_validation
+from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
+from ssil_service.settings import Settings
+from ssil_service.state import State
+
+_BASE = 2**29
+"""Memory that a worker takes before it has done anything, and some to spare."""
+
+
+def create_app(settings: Settings) -> Edge:
+    """Return the service as an ASGI application; it takes its place when its lifespan begins."""
+    keys, metrics = Keys.of(settings), Metrics()
+    app = FastAPI(
+        title="ssil-data",
+        version=version("ssil-data"),
+        summary="Leverage and LCoR of demonstrations",
+        lifespan=_lifespan,
+        redirect_slashes=False,
+        docs_url="/docs",
+        redoc_url=None,
+    )
+    app.state.settings, app.state.keys, app.state.metrics = settings, keys, metrics
+    read = [Depends(may_read)] if keys else []
+    write = [Depends(may_write)] if keys else []
+    app.include_router(health.open_router)
+    app.include_router(health.router, dependencies=read)
+    for each in (datasets, runs, queries, jobs, inference):
+        app.include_router(each.router, dependencies=read)
+    for each in (uploads, runs, jobs):
+        app.include_router(each.writing, dependencies=write)
+    for kind, handler in _HANDLERS.items():
+        app.add_exception_handler(kind, handler)
+    app.openapi = lambda: described(app)
+    return Edge(app, settings, metrics)
+
+
+def open_context(app: FastAPI) -> Context:
+    """Make the parts of the service: take a place in the state folder, look at the store."""
+    settings: Settings = app.state.settings
+    state = State(settings.state_folder)
+    catalogue = Catalogue(Store(settings.store), settings.cache_bytes)
+    catalogue.sweep()
+    gate = Gate(settings.computing, settings.waiting)
+    fits = Pool(state.lock, settings.job_bytes, settings.job_seconds)
+    bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.job_seconds, keep=1)
+    decoder = Decoder(
+        state, bodies, query_rows=settings.query_rows, upload_rows=settings.decoded_bytes // 8
+    )
+    board = Board(settings.store, state, fits, settings.jobs, settings.job_queue)
+    board.start()
+    app.state.metrics.watch(gate, catalogue.cache)
+    return Context(
+        settings, app.state.keys, app.state.metrics, state, catalogue, gate, decoder, board
+    )
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    app.state.context = context = await asyncio.to_thread(open_context, app)
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(context.close)
+
+
+async def _problem(request: Request, error: Any) -> Response:
+    return error.response(request.url.path)
+
+
+async def _library(request: Request, error: Any) -> Response:
+    known = [Store(request.app.state.settings.store).folder.uri]
+    return of_library(error, known).response(request.url.path)
+
+
+async def _validation(request: Request, error: Any) -> Response:
+    return of_validation(error.errors(), "request").response(request.url.path)
+
+
+async def _http(request: Request, error: Any) -> Response:
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_allowed(request))
+    details = {404: "path: expected one that exists, found another", 405: "method: see Allow"}
+    detail = details.get(error.status_code, "request: expected another form")
+    return Problem(error.status_code, detail, headers=headers).response(request.url.path)
+
+
+def _allowed(request: Request) -> list[str]:
+    """Return the methods of all routes of a path; a framework's 405 tells those of one."""
+    methods: set[str] = set()
+    for route in request.app.routes:
+        match, _ = route.matches(request.scope)
+        if match is not Match.NONE:
+            methods |= getattr(route, "methods", None) or set()
+    return sorted(methods)
+
+
+_HANDLERS: dict[type[Exception], Any] = {
+    Problem: _problem,
+    SsilDataError: _library,
+    RequestValidationError: _validation,
+    HTTPException: _http,
+}

@@ -1,0 +1,243 @@
+"""The store as the service sees it: newest versions without restart, and a bounded memory."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from ssil_data.dataset import CARD, Dataset
+from ssil_data.demonstrations import Pairs
+from ssil_data.errors import ConflictError, NotFoundError, SsilDataError
+from ssil_data.field import LeverageField
+from ssil_data.runs import Run
+from ssil_data.scoring import LeverageModel
+from ssil_data.storage import checked_name
+from ssil_data.store import Store
+
+_SETTLED = 0.1
+"""Seconds after which a folder's modification time tells the next change from this one."""
+_TRUSTED = 2.0
+"""Seconds for which an object store, which has no such time, is not asked again."""
+_REMOVED = ".removed-"
+
+
+class Cache:
+    """The values used last, up to a number of bytes; one build for all who ask; of one loop."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.bytes = self.hits = self.misses = 0
+        self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
+        self._building: dict[Hashable, asyncio.Future[Any]] = {}
+
+    def __len__(self) -> int:
+        """Count the values."""
+        return len(self._kept)
+
+    def peek(self, key: Hashable) -> Any | None:
+        """Return a value that is there, or None."""
+        if key not in self._kept:
+            return None
+        self._kept.move_to_end(key)
+        self.hits += 1
+        return self._kept[key][0]
+
+    async def get(self, key: Hashable, build: Callable[[], tuple[Any, int]]) -> Any:
+        """Return a value, built in a thread with its size in bytes if it is not there."""
+        found = self.peek(key)
+        if found is not None:
+            return found
+        if key not in self._building:
+            self.misses += 1
+            self._building[key] = asyncio.ensure_future(self._build(key, build))
+        return await asyncio.shield(self._building[key])
+
+    async def _build(self, key: Hashable, build: Callable[[], tuple[Any, int]]) -> Any:
+        try:
+            value, size = await asyncio.to_thread(build)
+        finally:
+            del self._building[key]
+        self._kept[key] = (value, size)
+        self.bytes += size
+        while self.bytes > self.capacity and len(self._kept) > 1:
+            _, (_, freed) = self._kept.popitem(last=False)
+            self.bytes -= freed
+        return value
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One version of a dataset, and its runs at one moment."""
+
+    dataset: Dataset
+    runs: dict[str, Run]
+
+    @property
+    def name(self) -> str:
+        """The dataset's name."""
+        return self.dataset.name
+
+    @cached_property
+    def version(self) -> str:
+        """The dataset's fingerprint."""
+        return self.dataset.version
+
+    @cached_property
+    def widths(self) -> tuple[int, int]:
+        """The widths of states and actions."""
+        return len(self.dataset.state_names), len(self.dataset.action_names)
+
+    def run(self, name: str) -> Run:
+        """Return a run made from this version; raises NotFoundError or ConflictError."""
+        record = self.run_of_any_version(name)
+        if record.dataset_version != self.version:
+            raise ConflictError(
+                f"run {name!r}: expected one made from version {self.version} of {self.name}, "
+                f"found version {record.dataset_version}"
+            )
+        return record
+
+    def run_of_any_version(self, name: str) -> Run:
+        """Return a run; raises NotFoundError."""
+        if name not in self.runs:
+            have = ", ".join(sorted(self.runs)[:20]) or "none"
+            raise NotFoundError(f"run of {self.name}: expected one of [{have}], found another")
+        return self.runs[name]
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> Snapshot:
+        """Look at the runs of an opened dataset."""
+        dataset.version, dataset.episodes  # noqa: B018  read now, in the thread that opens it
+        return cls(dataset, {run.run: run for run in dataset.runs.all()})
+
+
+class Catalogue:
+    """Snapshots of datasets, as new as the store, and what was read of them lately."""
+
+    def __init__(self, store: Store, cache_bytes: int) -> None:
+        self.store = store
+        self.cache = Cache(cache_bytes)
+        self._newest: dict[str, tuple[Any, Snapshot]] = {}
+
+    async def snapshot(self, name: str, version: str | None = None) -> Snapshot:
+        """Return the newest version of a dataset, or the given one; raises NotFoundError."""
+        token = self._token(checked_name("dataset", name))
+        known = self._newest.get(name)
+        if known is None or known[0] != token:
+            newest = await asyncio.to_thread(self._open, name)
+            self._newest[name] = (token, newest)
+            while len(self._newest) > 256:
+                del self._newest[next(iter(self._newest))]
+        else:
+            newest = known[1]
+        if version is None or version == newest.version:
+            return newest
+        key = ("version", name, newest.version, token, version)
+        return await self.cache.get(key, lambda: (Snapshot.of(newest.dataset.at(version)), 4096))
+
+    def _open(self, name: str) -> Snapshot:
+        if name not in self.store:
+            raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
+        return Snapshot.of(self.store[name])
+
+    def _token(self, name: str) -> Any:
+        """Return what changes with the dataset: read before it is opened, so never too new."""
+        folder = self.store.folder.local
+        now = time.time()
+        if folder is None:
+            return int(now / _TRUSTED)
+        tables = (folder / name / table / "_delta_log" for table in ("episodes", "leverage"))
+        times = [_changed(table, now) for table in tables]
+        # a time so fresh that the next change might share it is like no other
+        return secrets.token_bytes(8) if None in times else tuple(times)
+
+    def names(self) -> list[str]:
+        """List the datasets."""
+        return self.store.names()
+
+    async def field(self, snapshot: Snapshot, run: str, alpha: float | None) -> LeverageField:
+        """Return a run's field."""
+        record = snapshot.run(run)
+        alpha = record.alpha if alpha is None else alpha
+        key = ("field", snapshot.name, snapshot.version, record.created, run, alpha)
+        return await self.cache.get(key, lambda: _field(snapshot, run, alpha))
+
+    async def model(self, snapshot: Snapshot, run: str) -> LeverageModel:
+        """Return a run's fitted estimator and scale."""
+        record = snapshot.run_of_any_version(run)
+        key = ("model", snapshot.name, run, record.created, record.model)
+
+        def build() -> tuple[LeverageModel, int]:
+            size = len(snapshot.dataset.runs.model(record))
+            return LeverageModel.of_record(snapshot.dataset, record), size
+
+        return await self.cache.get(key, build)
+
+    async def values(self, snapshot: Snapshot, run: str) -> pa.Table:
+        """Return a run's values, in the order of the pairs."""
+        record = snapshot.run(run)
+        key = ("values", snapshot.name, snapshot.version, record.created, run)
+
+        def build() -> tuple[pa.Table, int]:
+            table = snapshot.dataset.runs.values(run).combine_chunks()
+            return table, table.nbytes
+
+        return await self.cache.get(key, build)
+
+    async def pairs(self, snapshot: Snapshot) -> Pairs:
+        """Return all pairs of a dataset."""
+
+        def build() -> tuple[Pairs, int]:
+            pairs = snapshot.dataset.pairs()
+            return pairs, pairs.states.nbytes + pairs.actions.nbytes + 16 * len(pairs)
+
+        return await self.cache.get(("pairs", snapshot.name, snapshot.version), build)
+
+    def remove(self, name: str) -> None:
+        """Delete a dataset: gone at once under its name, then from the disk."""
+        if name not in self.store:
+            raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
+        folder = self.store.folder / name
+        if folder.local is not None:
+            removed = self.store.folder / f"{_REMOVED}{secrets.token_hex(8)}"
+            if not folder.rename(removed):
+                raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
+            folder = removed
+        folder.delete()
+        self._newest.pop(name, None)
+
+    def sweep(self) -> None:
+        """Finish removals that a killed server began."""
+        for name in self.store.folder.names():
+            if name.startswith(_REMOVED):
+                (self.store.folder / name).delete()
+
+    def ready(self) -> bool:
+        """Tell whether the store can be listed and what is listed has cards."""
+        try:
+            return all((self.store.folder / name).exists(CARD) for name in self.names()[:1])
+        except (OSError, SsilDataError):
+            return False
+
+
+def _changed(folder: Path, now: float) -> tuple[int, int] | None:
+    try:
+        found = folder.stat()
+    except OSError:
+        return (0, 0)
+    return None if now - found.st_mtime < _SETTLED else (found.st_ino, found.st_mtime_ns)
+
+
+def _field(snapshot: Snapshot, run: str, alpha: float) -> tuple[LeverageField, int]:
+    field = snapshot.dataset.field(run, alpha=alpha)
+    # the field itself, and as much again once it is packed for the first question
+    return field, 2 * field.states.nbytes + 16 * len(field.states)

@@ -1,0 +1,54 @@
+"""What the routes work with: one object, made with the application."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from fastapi import Request
+
+from ssil_service.catalogue import Catalogue
+from ssil_service.decoder import Decoder
+from ssil_service.gate import Gate
+from ssil_service.jobs import Board
+from ssil_service.keys import Keys
+from ssil_service.metrics import Metrics
+from ssil_service.settings import Settings
+from ssil_service.state import State
+
+Answer = TypeVar("Answer")
+INLINE = 2**21
+"""Pairs of a query and a demonstration state, some two milliseconds, that wait for no thread."""
+
+
+@dataclass
+class Context:
+    """The parts of a running service."""
+
+    settings: Settings
+    keys: Keys
+    metrics: Metrics
+    state: State
+    catalogue: Catalogue
+    gate: Gate
+    decoder: Decoder
+    board: Board
+    closing: bool = False
+
+    async def compute(self, pairs: int, work: Callable[[], Answer]) -> Answer:
+        """Compute a small question at once, a large one behind the gate."""
+        return work() if pairs <= INLINE else await self.gate.run(work)
+
+    def close(self) -> None:
+        """Finish what was accepted, and give up the place in the state folder."""
+        self.closing = True
+        self.gate.close()
+        self.decoder.pool.close()
+        self.board.close(self.settings.grace_seconds)
+        self.state.close()
+
+
+def context(request: Request) -> Context:
+    """Return the parts of the service that a request came to."""
+    return request.app.state.context

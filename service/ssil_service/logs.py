@@ -1,0 +1,46 @@
+"""Logs as lines of JSON on standard error."""
+
+from __future__ import annotations
+
+import json
+import logging
+from datetime import UTC, datetime
+
+_FIELDS = "fields"
+
+log = logging.getLogger("ssil_service")
+
+
+class _Lines(logging.Formatter):
+    """One JSON object per record."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line; what was logged with `told` lies beside the message."""
+        line = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+            **getattr(record, _FIELDS, {}),
+        }
+        if record.exc_info:
+            line["trace"] = self.formatException(record.exc_info)
+        return json.dumps(line, default=str)
+
+
+def told(message: str, *, level: int = logging.INFO, trace: bool = False, **fields: object) -> None:
+    """Log a message with fields of its own."""
+    if log.isEnabledFor(level):
+        log.log(level, message, extra={_FIELDS: fields}, exc_info=trace)
+
+
+def start_logging(level: str) -> None:
+    """Send all logs of the process to standard error as lines of JSON."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Lines())
+    root = logging.getLogger()
+    root.handlers = [handler]
+    root.setLevel(level.upper())
+    for name in ("uvicorn", "uvicorn.error"):
+        logging.getLogger(name).handlers = []
+        logging.getLogger(name).propagate = True

@@ -1,0 +1,74 @@
+"""What the service counts and times, for Prometheus; a registry of its own."""
+
+from __future__ import annotations
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
+
+from ssil_service.catalogue import Cache
+from ssil_service.gate import Gate
+
+CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+_SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30)
+
+
+class Metrics:
+    """The service's metrics; those of queue, cache and jobs are read when they are asked for."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        labels = ("method", "route", "status")
+        self._latency = Histogram(
+            "ssil_request_seconds",
+            "Time to answer.",
+            labels,
+            buckets=_SECONDS,
+            registry=self.registry,
+        )
+        self._rows = Counter(
+            "ssil_rows", "Rows of questions answered.", ("route",), registry=self.registry
+        )
+        self._in_flight = Gauge(
+            "ssil_requests_in_flight", "Requests not yet answered.", registry=self.registry
+        )
+        self._jobs = Gauge("ssil_jobs", "Scoring jobs.", ("state",), registry=self.registry)
+
+    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count and time an answer."""
+        self._latency.labels(method, route, str(status)).observe(seconds)
+
+    def rows(self, route: str, count: int) -> None:
+        """Count the rows of a question."""
+        self._rows.labels(route).inc(count)
+
+    def in_flight(self, count: int) -> None:
+        """Tell how many requests are not yet answered."""
+        self._in_flight.set(count)
+
+    def jobs(self, counts: dict[str, int]) -> None:
+        """Tell how many jobs are in each state."""
+        for state, count in counts.items():
+            self._jobs.labels(state).set(count)
+
+    def watch(self, gate: Gate, cache: Cache) -> None:
+        """Read queue and cache whenever the metrics are asked for."""
+        gauges = {
+            "ssil_questions_admitted": (
+                "Large questions computed or waiting.",
+                lambda: gate.admitted,
+            ),
+            "ssil_questions_refused": ("Large questions refused so far.", lambda: gate.refused),
+            "ssil_cache_bytes": (
+                "Memory that cached fields, models and values take.",
+                lambda: cache.bytes,
+            ),
+            "ssil_cache_entries": ("Cached fields, models and values.", lambda: len(cache)),
+            "ssil_cache_hits": ("Answers from the cache so far.", lambda: cache.hits),
+            "ssil_cache_misses": ("Fields, models and values read so far.", lambda: cache.misses),
+        }
+        for name, (text, read) in gauges.items():
+            Gauge(name, text, registry=self.registry).set_function(read)
+
+    def text(self) -> bytes:
+        """Return the metrics in Prometheus's text format."""
+        return generate_latest(self.registry)

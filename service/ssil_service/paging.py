@@ -1,0 +1,58 @@
+"""Pages of bulk answers, and answers that the client has already."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+from typing import Any
+
+import pyarrow as pa
+from fastapi import Request
+from starlette.responses import Response
+
+from ssil_data.client.wire import JSON
+from ssil_service.context import context
+from ssil_service.negotiation import table_response
+
+_CELLS = {JSON: 2**20}
+_CELLS_OF_OTHERS = 2**24
+_INLINE = 2**14
+
+
+def page(
+    request: Request, media: str, total: int, offset: int, limit: int | None, width: int
+) -> slice:
+    """Return the rows of a page: no more than asked for, than may be, than a body should hold."""
+    most = context(request).settings.page_rows
+    cells = _CELLS.get(media, _CELLS_OF_OTHERS)
+    rows = min(limit or most, most, max(1, cells // max(1, width)))
+    start = min(offset, total)
+    return slice(start, min(start + rows, total))
+
+
+async def paged(
+    request: Request, media: str, table: pa.Table, rows: slice, total: int, tag: str, **about: Any
+) -> Response:
+    """Return a page, whose rows these are, with how many there are and where the next one is."""
+    headers = {"X-Total-Count": str(total), "ETag": tag}
+    if rows.stop < total:
+        following = request.url.include_query_params(offset=rows.stop)
+        headers["Link"] = f'<{following.path}?{following.query}>; rel="next"'
+    about = {**about, "offset": rows.start, "total": total}
+    if table.nbytes <= _INLINE:
+        return table_response(table, media, about=about, headers=headers)
+    return await asyncio.to_thread(table_response, table, media, about=about, headers=headers)
+
+
+def tag_of(*parts: object) -> str:
+    """Return the ETag of what these parts determine."""
+    return f'"{hashlib.sha256(repr(parts).encode()).hexdigest()[:24]}"'
+
+
+def unchanged(request: Request, tag: str) -> Response | None:
+    """Return 304 if the client has what the tag names."""
+    known = request.headers.get("if-none-match", "")
+    tags = [each.strip().removeprefix("W/") for each in known.split(",")]
+    if tag in tags or "*" in tags:
+        return Response(status_code=304, headers={"ETag": tag})
+    return None

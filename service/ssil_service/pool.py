@@ -1,0 +1,157 @@
+"""Worker processes as seen by the server: started, asked, timed, killed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock, Timer
+from typing import Any
+
+from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError, SsilDataError
+from ssil_service.problems import Problem
+
+Report = Callable[[dict[str, Any]], None]
+_KINDS: dict[str, type[SsilDataError]] = {
+    "ConflictError": ConflictError,
+    "InvalidInputError": InvalidInputError,
+    "NotFoundError": NotFoundError,
+}
+
+
+class TaskError(Exception):
+    """A task that failed by no fault of the request's form: it crashed, or ran out of memory."""
+
+    def __init__(self, kind: str, detail: str) -> None:
+        super().__init__(detail)
+        self.kind = kind
+        self.detail = detail
+
+
+class Worker:
+    """One process; it holds the server's lock and may take `most_bytes` of memory."""
+
+    def __init__(self, lock: Path, most_bytes: int) -> None:
+        command = [sys.executable, "-m", "ssil_service.worker", str(lock), str(most_bytes)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        self._late = False
+
+    def run(self, task: str, arguments: dict[str, Any], report: Report, seconds: float) -> Any:
+        """Return a task's result; raises the library's error, a Problem or TaskError."""
+        watch = Timer(seconds, self._too_late)
+        watch.daemon = True
+        watch.start()
+        try:
+            return self._answer({"task": task, "arguments": arguments}, report)
+        except (BrokenPipeError, ValueError):
+            raise self._died() from None
+        finally:
+            watch.cancel()
+
+    def _answer(self, order: dict[str, Any], report: Report) -> Any:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(order).encode() + b"\n")
+        self._process.stdin.flush()
+        for line in self._process.stdout:
+            message = json.loads(line)
+            if "progress" in message:
+                report(message["progress"])
+            elif "error" in message:
+                raise _error(message["error"])
+            else:
+                return message["result"]
+        raise self._died()
+
+    def _died(self) -> TaskError:
+        self.kill()
+        if self._late:
+            return TaskError("TimeoutError", "the task took longer than it may")
+        return TaskError("CrashError", f"the process ended with status {self._process.returncode}")
+
+    def _too_late(self) -> None:
+        self._late = True
+        self._process.kill()
+
+    def kill_soon(self) -> None:
+        """End the process; whoever waits for its answer cleans up."""
+        self._process.kill()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(BrokenPipeError):
+                pipe.close()
+
+    @property
+    def alive(self) -> bool:
+        """Tell whether the process still runs."""
+        return self._process.poll() is None
+
+
+def _error(error: dict[str, Any]) -> Exception:
+    if error["kind"] == "Problem":
+        return Problem(error["status"], error["detail"])
+    if error["kind"] in _KINDS:
+        return _KINDS[error["kind"]](error["detail"])
+    return TaskError(error["kind"], error["detail"])
+
+
+@dataclass
+class Pool:
+    """Workers for tasks that may crash; up to `keep` are kept warm between tasks."""
+
+    lock: Path
+    most_bytes: int
+    seconds: float
+    keep: int = 0
+
+    def __post_init__(self) -> None:
+        """Begin without a worker."""
+        self._idle: list[Worker] = []
+        self._busy: set[Worker] = set()
+        self._guard = Lock()
+        self._closed = False
+
+    def run(
+        self,
+        task: str,
+        arguments: dict[str, Any],
+        *,
+        report: Report = lambda progress: None,
+        started: Callable[[Worker], None] = lambda worker: None,
+    ) -> Any:
+        """Run a task in a worker; `started` is told which, so that it can be killed."""
+        with self._guard:
+            if self._closed:
+                raise TaskError("ShutdownError", "the service is shutting down")
+            worker = self._idle.pop() if self._idle else Worker(self.lock, self.most_bytes)
+            self._busy.add(worker)
+        started(worker)
+        try:
+            return worker.run(task, arguments, report, self.seconds)
+        finally:
+            with self._guard:
+                self._busy.discard(worker)
+                kept = worker.alive and len(self._idle) < self.keep and not self._closed
+                if kept:
+                    self._idle.append(worker)
+            if not kept:
+                worker.kill()
+
+    def close(self) -> None:
+        """End all workers."""
+        with self._guard:
+            self._closed = True
+            workers = [*self._idle, *self._busy]
+            self._idle.clear()
+        for worker in workers:
+            worker.kill()

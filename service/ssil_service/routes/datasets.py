@@ -1,0 +1,181 @@
+"""Datasets: list, card, versions, episodes, pairs."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pyarrow as pa
+from fastapi import APIRouter, Query, Request
+from pydantic_core import to_json
+from starlette.responses import Response
+
+from ssil_data.client.wire import JSON, pairs_table, rows_of_matrix
+from ssil_data.errors import InvalidInputError, NotFoundError, SsilDataError
+from ssil_service.catalogue import Snapshot
+from ssil_service.context import context
+from ssil_service.negotiation import wanted
+from ssil_service.paging import page, paged, tag_of, unchanged
+from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, Version
+from ssil_service.schemas import Datasets, DatasetSummary, Versions
+
+router = APIRouter(prefix="/v1", tags=["datasets"])
+
+
+@router.get("/datasets", response_model=Datasets)
+async def datasets(request: Request) -> Response:
+    """List the newest version of every dataset."""
+    wanted(request, (JSON,))
+    catalogue = context(request).catalogue
+    found = []
+    for name in await asyncio.to_thread(catalogue.names):
+        try:
+            found.append(summary(await catalogue.snapshot(name)))
+        except (NotFoundError, SsilDataError):
+            continue  # deleted since, or damaged: `ssil-data validate` tells
+    tag = tag_of(found)
+    return unchanged(request, tag) or _json({"datasets": found}, tag)
+
+
+@router.get("/datasets/{dataset}", response_model=DatasetSummary)
+async def dataset(request: Request, dataset: DatasetName, version: Version = None) -> Response:
+    """Show a dataset's newest version, or another."""
+    wanted(request, (JSON,))
+    found = summary(await context(request).catalogue.snapshot(dataset, version))
+    tag = tag_of(found)
+    return unchanged(request, tag) or _json(found, tag)
+
+
+@router.get("/datasets/{dataset}/versions", response_model=Versions)
+async def versions(request: Request, dataset: DatasetName) -> Response:
+    """List the fingerprints of a dataset's versions, the newest last."""
+    wanted(request, (JSON,))
+    snapshot = await context(request).catalogue.snapshot(dataset)
+    found = await asyncio.to_thread(lambda: snapshot.dataset.versions)
+    tag = tag_of(found)
+    return unchanged(request, tag) or _json({"versions": found}, tag)
+
+
+@router.get(
+    "/datasets/{dataset}/card",
+    response_class=Response,
+    responses={200: {"content": {"text/markdown": {"schema": {"type": "string"}}}}},
+)
+async def card(request: Request, dataset: DatasetName) -> Response:
+    """Read a dataset's card, Markdown."""
+    media = wanted(request, ("text/markdown",))
+    snapshot = await context(request).catalogue.snapshot(dataset)
+    text = await asyncio.to_thread(lambda: snapshot.dataset.card)
+    tag = tag_of(text)
+    return unchanged(request, tag) or Response(text, media_type=media, headers={"ETag": tag})
+
+
+@router.get("/datasets/{dataset}/episodes")
+async def episodes(
+    request: Request,
+    dataset: DatasetName,
+    version: Version = None,
+    offset: Offset = 0,
+    limit: Limit = None,
+) -> Response:
+    """Read the episodes: number, length, labeled, source, score, tier, ending."""
+    media = wanted(request)
+    snapshot = await context(request).catalogue.snapshot(dataset, version)
+    tag = tag_of(dataset, snapshot.version, media, offset, limit)
+    known = unchanged(request, tag)
+    if known is not None:
+        return known
+    table = snapshot.dataset.episodes
+    rows = page(request, media, len(table), offset, limit, table.num_columns)
+    part = table.slice(rows.start, rows.stop - rows.start)
+    return await paged(request, media, part, rows, len(table), tag, version=snapshot.version)
+
+
+@router.get("/datasets/{dataset}/pairs")
+async def pairs(
+    request: Request,
+    dataset: DatasetName,
+    version: Version = None,
+    episode: Episode = None,
+    labeled: Annotated[bool, Query(description="Labeled pairs only.")] = False,
+    recorded: Annotated[
+        Literal["reward", "position"] | None,
+        Query(description="Instead of states and actions, what was recorded for evaluation."),
+    ] = None,
+    offset: Offset = 0,
+    limit: Limit = None,
+) -> Response:
+    """Read the pairs in order: episode, step, state, action."""
+    media = wanted(request)
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset, version)
+    choice = (episode, labeled, recorded, offset, limit)
+    tag = tag_of("pairs", dataset, snapshot.version, media, choice)
+    known = unchanged(request, tag)
+    if known is not None:
+        return known
+    chosen = _chosen(snapshot, episode, labeled)
+    whole = await here.catalogue.pairs(snapshot)
+    rows = page(request, media, len(chosen), offset, limit, sum(snapshot.widths))
+    taken = chosen[rows]
+    if recorded is None:
+        part = pairs_table(_taken(whole, taken))
+    else:
+        values = await asyncio.to_thread(snapshot.dataset.recorded, recorded)
+        place = {"episode": whole.episode[taken], "step": whole.step[taken]}
+        part = pa.table({**place, recorded: _column(values, taken)})
+    return await paged(request, media, part, rows, len(chosen), tag, version=snapshot.version)
+
+
+def summary(snapshot: Snapshot) -> dict[str, Any]:
+    """Describe one version of a dataset."""
+    dataset = snapshot.dataset
+    return {
+        "dataset": snapshot.name,
+        "version": snapshot.version,
+        "pairs": len(dataset),
+        "episodes": len(dataset.episodes),
+        "labeled": int(dataset.per_pair("labeled").sum()),
+        "state_names": dataset.state_names,
+        "action_names": dataset.action_names,
+        "runs": sorted(snapshot.runs),
+    }
+
+
+def _json(value: Any, tag: str) -> Response:
+    return Response(to_json(value), media_type=JSON, headers={"ETag": tag})
+
+
+def _chosen(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
+    """Return the rows of the pairs that were asked for."""
+    table = snapshot.dataset.episodes
+    keep = np.ones(len(table), bool)
+    if episode is not None:
+        keep &= table["episode"].to_numpy() == episode
+        if not keep.any():
+            raise NotFoundError(
+                f"episode of {snapshot.name}: expected 0 to {len(table) - 1}, found {episode}"
+            )
+    if labeled:
+        keep &= table["labeled"].to_numpy()
+        if not keep.any():
+            raise InvalidInputError(
+                f"labeled episodes of {snapshot.name}: expected at least one, found none"
+            )
+    return np.flatnonzero(np.repeat(keep, table["length"].to_numpy()))
+
+
+def _taken(pairs: Any, rows: Any) -> Any:
+    """Return rows of pairs; a page of all of them is no copy."""
+    if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
+        return pairs[int(rows[0]) : int(rows[-1]) + 1]
+    keep = np.zeros(len(pairs), bool)
+    keep[rows] = True
+    return pairs.where(keep)
+
+
+def _column(values: Any, rows: Any) -> Any:
+    if values is None:
+        return pa.nulls(len(rows), pa.float32())
+    return rows_of_matrix(values[rows]) if values.ndim == 2 else values[rows]

@@ -1,0 +1,61 @@
+"""Whether the service lives, whether it is ready, its metrics, and what it takes at most."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import APIRouter, Request
+from starlette.responses import JSONResponse, Response
+
+from ssil_service.context import context
+from ssil_service.metrics import CONTENT_TYPE
+from ssil_service.problems import Problem
+from ssil_service.routes.parameters import MOST_CONTRIBUTORS
+from ssil_service.schemas import Health, Limits
+
+open_router = APIRouter(tags=["operation"])
+router = APIRouter(tags=["operation"])
+
+
+@open_router.get("/healthz", response_model=Health)
+async def alive() -> Response:
+    """Tell that the process lives."""
+    return JSONResponse({"status": "ok"})
+
+
+@open_router.get("/readyz", response_model=Health)
+async def ready(request: Request) -> Response:
+    """Tell that questions are answered: 503 while shutting down, or without a store."""
+    await refuse_unready(request)
+    return JSONResponse({"status": "ok"})
+
+
+async def refuse_unready(request: Request) -> None:
+    """Raise a Problem with 503 if no question could be answered."""
+    here = context(request)
+    if here.closing:
+        raise Problem(503, "service: expected it ready, found it shutting down")
+    if not await asyncio.to_thread(here.catalogue.ready):
+        raise Problem(503, "service: expected it ready, found no readable store")
+
+
+@router.get(
+    "/metrics",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def metrics(request: Request) -> Response:
+    """Tell what Prometheus asks: latency by route, rows, queue, cache, jobs."""
+    here = context(request)
+    here.metrics.jobs(await asyncio.to_thread(here.board.counts))
+    return Response(here.metrics.text(), media_type=CONTENT_TYPE)
+
+
+@router.get("/v1/limits", response_model=Limits)
+async def limits(request: Request) -> Response:
+    """Tell what the service takes at most."""
+    settings = context(request).settings
+    known = {
+        name: getattr(settings, name) for name in Limits.model_fields if hasattr(settings, name)
+    }
+    return JSONResponse({**known, "contributors": MOST_CONTRIBUTORS})

@@ -1,0 +1,78 @@
+"""Jobs: their state, their progress as it happens, and how to stop them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from pydantic_core import to_json
+from starlette.responses import Response, StreamingResponse
+
+from ssil_data.client.wire import JSON
+from ssil_service.context import Context, context
+from ssil_service.jobs import ENDED
+from ssil_service.negotiation import wanted
+from ssil_service.schemas import Job, Jobs
+
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+writing = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+
+JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="A job.")]
+_LOOK, _SIGN_OF_LIFE = 0.1, 100
+
+
+@router.get("", response_model=Jobs)
+async def jobs(request: Request) -> Response:
+    """List the jobs of all servers of the store, the newest first."""
+    wanted(request, (JSON,))
+    return _json({"jobs": await asyncio.to_thread(context(request).board.all)})
+
+
+@router.get("/{job}", response_model=Job)
+async def job(request: Request, job: JobId) -> Response:
+    """Show a job."""
+    wanted(request, (JSON,))
+    return _json(await asyncio.to_thread(context(request).board.get, job))
+
+
+@router.get(
+    "/{job}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
+)
+async def events(request: Request, job: JobId) -> Response:
+    """Follow a job to its end: an event `job` with the whole job at every change."""
+    media = wanted(request, ("text/event-stream",))
+    here = context(request)
+    await asyncio.to_thread(here.board.get, job)
+    return StreamingResponse(_events(here, job), media_type=media)
+
+
+@writing.delete("/{job}", response_model=Job)
+async def cancel(request: Request, job: JobId) -> Response:
+    """Stop a job; nothing of it is kept. One that has ended stays as it is."""
+    wanted(request, (JSON,))
+    return _json(await asyncio.to_thread(context(request).board.cancel, job))
+
+
+async def _events(here: Context, job: str) -> AsyncIterator[bytes]:
+    """Look at the job ten times a second: enough for a person, nothing for the processor."""
+    told, quiet = b"", 0
+    while True:
+        shown = await asyncio.to_thread(here.board.get, job)
+        now = to_json(shown)
+        quiet = 0 if now != told else quiet + 1
+        if now != told:
+            yield b"event: job\ndata: " + now + b"\n\n"
+            told = now
+        elif quiet % _SIGN_OF_LIFE == 0:
+            yield b": still here\n\n"
+        if shown["state"] in ENDED or here.closing:
+            return
+        await asyncio.sleep(_LOOK)
+
+
+def _json(value: Any) -> Response:
+    return Response(to_json(value), media_type=JSON)

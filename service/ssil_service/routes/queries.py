@@ -1,0 +1,117 @@
+"""Questions: LCoR and CoR of states, the leverage of pairs never seen."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import pyarrow as pa
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from ssil_data.client.wire import rows_of_matrix
+from ssil_data.rows import PARTS
+from ssil_service.context import context
+from ssil_service.intake import off_loop, pairs_body, states_body
+from ssil_service.negotiation import table_response, wanted
+from ssil_service.routes.parameters import Alpha, Contributors, DatasetName, RunName, Version
+
+router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
+
+
+@router.post("/lcor")
+async def lcor(
+    request: Request,
+    dataset: DatasetName,
+    run: RunName,
+    version: Version = None,
+    alpha: Alpha = None,
+    contributors: Contributors = 0,
+    sums: Annotated[
+        bool, Query(description="Instead, the weighted sums, which add up over shards.")
+    ] = False,
+) -> Response:
+    """Tell how good the neighbourhood of states is, and on how many states the answer rests."""
+    media = wanted(request)
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset, version)
+    snapshot.run(run)
+    states = await states_body(request, snapshot.widths[0])
+    field = await here.catalogue.field(snapshot, run, alpha)
+
+    def work() -> dict[str, Any]:
+        if sums:
+            return _sums(field.sums(states, contributors=contributors))
+        return _answer(field.lcor(states, contributors=contributors))
+
+    columns = await here.compute(len(states) * len(field.states), work)
+    here.metrics.rows("lcor", len(states))
+    about = {"alpha": field.alpha, "demonstrations": len(field.states)}
+    table = pa.table(columns)
+    return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
+
+
+@router.post("/cor")
+async def cor(
+    request: Request,
+    dataset: DatasetName,
+    run: RunName,
+    version: Version = None,
+    alpha: Alpha = None,
+) -> Response:
+    """Tell CoR of states: whether they are nearer to the labeled states or to all others."""
+    media = wanted(request)
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset, version)
+    snapshot.run(run)
+    states = await states_body(request, snapshot.widths[0])
+    field = await here.catalogue.field(snapshot, run, alpha)
+    values = await here.compute(100 * len(states), lambda: field.cor(states))
+    here.metrics.rows("cor", len(states))
+    table = pa.table({"value": values})
+    about = {"alpha": field.alpha}
+    return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
+
+
+@router.post("/score")
+async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
+    """Tell the uncertainty and leverage of pairs, seen before or not, by a run of any version."""
+    media = wanted(request)
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset)
+    snapshot.run_of_any_version(run)
+    pairs = await pairs_body(request, snapshot.widths)
+    model = await here.catalogue.model(snapshot, run)
+    # a pair costs an estimator about what some thousand demonstrations cost LCoR
+    scored = await here.compute(4096 * len(pairs), lambda: model(pairs))
+    here.metrics.rows("score", len(pairs))
+    missing = pa.nulls(len(pairs), pa.float32())
+    table = pa.table(
+        {
+            "uncertainty": scored.uncertainty,
+            **{part: scored.parts.get(part, missing) for part in PARTS},
+            "leverage": scored.leverage,
+        }
+    )
+    return await off_loop(table.nbytes, lambda: table_response(table, media))
+
+
+def _answer(answer: Any) -> dict[str, Any]:
+    columns = {
+        "values": answer.values,
+        "effective_sample_size": answer.effective_sample_size,
+        "half_width": getattr(answer, "half_width", np.zeros(len(answer.values))),
+    }
+    if answer.contributors.row.shape[1]:
+        columns["contributor_row"] = rows_of_matrix(answer.contributors.row)
+        columns["contributor_share"] = rows_of_matrix(answer.contributors.share)
+    return columns
+
+
+def _sums(sums: Any) -> dict[str, Any]:
+    names = ("numerator", "denominator", "squares", "log_scale")
+    columns = {name: getattr(sums, name) for name in names}
+    if sums.nearest.shape[1]:
+        columns["nearest"] = rows_of_matrix(sums.nearest)
+        columns["nearest_weight"] = rows_of_matrix(sums.nearest_weight)
+    return columns

@@ -1,0 +1,162 @@
+"""Runs: list, show, their leverage, and the jobs that make them."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pyarrow as pa
+from fastapi import APIRouter, Header, Query, Request
+from pydantic import ValidationError
+from pydantic_core import to_json
+from starlette.responses import Response
+
+from ssil_data import leverage as scales
+from ssil_data.client.wire import IDEMPOTENCY, JSON
+from ssil_data.errors import ConflictError, InvalidInputError
+from ssil_data.estimators import from_json
+from ssil_data.estimators import to_json as settings_json
+from ssil_service.catalogue import Snapshot
+from ssil_service.context import context
+from ssil_service.intake import media_type
+from ssil_service.negotiation import wanted
+from ssil_service.paging import page, paged, tag_of, unchanged
+from ssil_service.problems import of_validation
+from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
+from ssil_service.schemas import FitBody, Job, RescoreBody, RunRecord, RunRecords
+
+router = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])
+writing = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])
+
+Step = Annotated[int | None, Query(ge=0, le=2**63 - 1)]
+Columns = Annotated[
+    list[Literal["episode", "step", "uncertainty", "aleatoric", "epistemic", "leverage"]] | None,
+    Query(description="These columns only."),
+]
+
+
+@router.get("", response_model=RunRecords)
+async def runs(request: Request, dataset: DatasetName) -> Response:
+    """List the runs of all versions of a dataset, oldest first."""
+    wanted(request, (JSON,))
+    snapshot = await context(request).catalogue.snapshot(dataset)
+    found = sorted(snapshot.runs.values(), key=lambda run: run.created)
+    tag = tag_of(found)
+    answer = {"runs": [asdict(run) for run in found]}
+    return unchanged(request, tag) or _json(answer, tag)
+
+
+@router.get("/{run}", response_model=RunRecord)
+async def run(request: Request, dataset: DatasetName, run: RunName) -> Response:
+    """Show a run of any version."""
+    wanted(request, (JSON,))
+    found = (await context(request).catalogue.snapshot(dataset)).run_of_any_version(run)
+    tag = tag_of(found)
+    return unchanged(request, tag) or _json(asdict(found), tag)
+
+
+@router.get("/{run}/leverage")
+async def leverage(
+    request: Request,
+    dataset: DatasetName,
+    run: RunName,
+    version: Version = None,
+    episode: Episode = None,
+    first_step: Step = None,
+    last_step: Step = None,
+    columns: Columns = None,
+    offset: Offset = 0,
+    limit: Limit = None,
+) -> Response:
+    """Read what a run says of every pair: episode, step, uncertainty, its parts, leverage."""
+    media = wanted(request)
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset, version)
+    record = snapshot.run(run)
+    choice = (episode, first_step, last_step, columns, offset, limit)
+    tag = tag_of(record.created, record.model, snapshot.version, media, choice)
+    known = unchanged(request, tag)
+    if known is not None:
+        return known
+    table = await here.catalogue.values(snapshot, run)
+    if (episode, first_step, last_step) != (None, None, None):
+        table = table.filter(_within(table, episode, first_step, last_step))
+    if columns:
+        table = table.select(list(dict.fromkeys(columns)))
+    rows = page(request, media, len(table), offset, limit, table.num_columns)
+    part = table.slice(rows.start, rows.stop - rows.start)
+    about = {"run": run, "version": snapshot.version}
+    return await paged(request, media, part, rows, len(table), tag, **about)
+
+
+@writing.post("", status_code=202, response_model=Job)
+async def start(
+    request: Request,
+    dataset: DatasetName,
+    key: Annotated[str | None, Header(alias=IDEMPOTENCY, pattern=r"^[\x21-\x7e]{1,128}$")] = None,
+) -> Response:
+    """Have a run made: the job is accepted, and goes on when nobody waits for it."""
+    media_type(request, (JSON,))
+    body = _parsed(await request.body())
+    here = context(request)
+    snapshot = await here.catalogue.snapshot(dataset, body.version)
+    order = _order(snapshot, body)
+    if isinstance(body, RescoreBody):
+        fitted = body.fitted
+        source = snapshot
+        if fitted.dataset is not None:
+            source = await here.catalogue.snapshot(fitted.dataset)
+        source.run_of_any_version(fitted.run)
+    job = await asyncio.to_thread(here.board.submit, dataset, snapshot.version, order, key)
+    return Response(
+        to_json(job), 202, media_type=JSON, headers={"Location": f"/v1/jobs/{job['job']}"}
+    )
+
+
+def _parsed(body: bytes) -> FitBody | RescoreBody:
+    """Tell the two bodies apart by what only one of them has, and name what is wrong with it."""
+    try:
+        kind = RescoreBody if b'"fitted"' in body and b'"estimator"' not in body else FitBody
+        return kind.model_validate_json(body)
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_context=False, include_input=False)
+        raise of_validation(found, "body") from None
+
+
+def _order(snapshot: Snapshot, body: FitBody | RescoreBody) -> dict[str, Any]:
+    """Return the body as the job keeps it; raises the library's error for what cannot be."""
+    if body.run is not None and body.run in snapshot.runs:
+        raise ConflictError(f"run of {snapshot.name}: expected an unused name, found one in use")
+    if isinstance(body, RescoreBody):
+        return {"run": body.run, "fitted": body.fitted.model_dump()}
+    if not np.any(snapshot.dataset.episodes["labeled"].to_numpy()):
+        raise InvalidInputError(
+            f"labeled episodes of {snapshot.name}: expected at least one, found none"
+        )
+    estimator = from_json(body.estimator.model_dump())
+    scale = scales.settings_from_json(body.scale.model_dump())
+    return {
+        "run": body.run,
+        "estimator": settings_json(estimator),
+        "scale": scales.to_json(scale),
+        "labeled_is_one": body.labeled_is_one,
+        "seed": body.seed,
+    }
+
+
+def _within(table: pa.Table, episode: int | None, first: int | None, last: int | None) -> pa.Array:
+    keep = np.ones(len(table), bool)
+    steps = table["step"].to_numpy()
+    if episode is not None:
+        keep &= table["episode"].to_numpy() == episode
+    if first is not None:
+        keep &= steps >= first
+    if last is not None:
+        keep &= steps <= last
+    return pa.array(keep)
+
+
+def _json(value: Any, tag: str) -> Response:
+    return Response(to_json(value), media_type=JSON, headers={"ETag": tag})

@@ -1,0 +1,103 @@
+"""Datasets that clients write: create, append, delete."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request
+from pydantic_core import to_json
+from starlette.responses import Response
+
+from ssil_data.client.wire import ARROW, JSON, PARQUET
+from ssil_data.errors import ConflictError
+from ssil_service.context import context
+from ssil_service.intake import media_type
+from ssil_service.routes.datasets import summary
+from ssil_service.routes.parameters import DatasetName
+from ssil_service.schemas import DatasetSummary
+
+writing = APIRouter(prefix="/v1/datasets/{dataset}", tags=["datasets"])
+
+_Text = Annotated[str, Query(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]*$")]
+One = Annotated[_Text | None, Query(description="A column of the file.")]
+Several = Annotated[list[_Text] | None, Query(description="Columns of the file, in this order.")]
+
+
+class Layout:
+    """Which columns of an upload are what, as `ssil-data import` takes them."""
+
+    def __init__(
+        self,
+        state: Several = None,
+        action: Several = None,
+        episode: One = None,
+        step: One = None,
+        reward: One = None,
+        position: Several = None,
+        score: One = None,
+        tier: One = None,
+        labeled: Annotated[
+            list[_Text] | None,
+            Query(description="Expert episodes: their values, `all`, or a column of truth values."),
+        ] = None,
+        file: Annotated[str, Query(pattern=r"^[A-Za-z0-9._-]{1,100}$")] = "upload",
+    ) -> None:
+        self.file = file
+        self.columns: dict[str, Any] = {
+            "state": state or [],
+            "action": action or [],
+            "episode": episode,
+            "step": step,
+            "reward": reward,
+            "position": position or [],
+            "score": score,
+            "tier": tier,
+            "labeled": labeled or [],
+        }
+
+
+Layouts = Annotated[Layout, Depends()]
+
+
+@writing.put("", status_code=201, response_model=DatasetSummary)
+async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
+    """Write a new dataset from a Parquet or Arrow body; it appears whole or not at all."""
+    media = media_type(request, (ARROW, PARQUET))
+    here = context(request)
+    if dataset in await asyncio.to_thread(here.catalogue.names):
+        raise ConflictError(f"dataset: expected an unused name, found {dataset!r}")
+    return await _written(request, dataset, layout, media, append=False)
+
+
+@writing.post("/episodes", status_code=201, response_model=DatasetSummary)
+async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
+    """Add the episodes of a Parquet or Arrow body: the dataset's next version."""
+    media = media_type(request, (ARROW, PARQUET))
+    await context(request).catalogue.snapshot(dataset)
+    return await _written(request, dataset, layout, media, append=True)
+
+
+@writing.delete("", status_code=204)
+async def delete(request: Request, dataset: DatasetName) -> Response:
+    """Delete a dataset with its runs."""
+    await asyncio.to_thread(context(request).catalogue.remove, dataset)
+    return Response(status_code=204)
+
+
+async def _written(
+    request: Request, dataset: str, layout: Layout, media: str, *, append: bool
+) -> Response:
+    here = context(request)
+    version = await here.decoder.upload(
+        request.stream(),
+        store=here.settings.store,
+        dataset=dataset,
+        media=media,
+        append=append,
+        layout=layout.columns,
+        file=layout.file,
+    )
+    found = summary(await here.catalogue.snapshot(dataset, version))
+    headers = {"Location": f"/v1/datasets/{dataset}"}
+    return Response(to_json(found), 201, media_type=JSON, headers=headers)

@@ -1,0 +1,102 @@
+"""The service's settings: one class that is its environment variables and its flags."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+from pydantic import Field, SecretStr, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from ssil_data.errors import InvalidInputError
+from ssil_data.storage import Folder
+
+Count = Annotated[int, Field(ge=1)]
+Bytes = Annotated[int, Field(ge=1024)]
+Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
+_Secret = Annotated[SecretStr | None, Parameter(parse=False)]
+
+
+class Settings(BaseSettings):
+    """Every setting is the environment variable SSIL_<NAME>; all but the keys are flags too."""
+
+    model_config = SettingsConfigDict(env_prefix="SSIL_", frozen=True, extra="ignore")
+
+    store: str = "datasets"
+    """Folder or object-store prefix of datasets."""
+    state: Path | None = None
+    """Folder of the jobs' journal and of uploads under way; `.service` in a store on disk."""
+    host: str = "127.0.0.1"
+    """Address to bind to; any but a loopback address needs a key."""
+    port: Annotated[int, Field(ge=0, le=65_535)] = 8000
+    """Port to bind to; 0 takes a free one."""
+    read_key: _Secret = None
+    """Keys that may ask, separated by commas: plain, or sha256:<hex digest of the key>."""
+    write_key: _Secret = None
+    """Keys that may also upload, delete, and start and cancel jobs."""
+
+    body_bytes: Bytes = 64 * 2**20
+    """Largest body of a question."""
+    upload_bytes: Bytes = 2**30
+    """Largest body of an upload."""
+    decoded_bytes: Bytes = 2 * 2**30
+    """Most memory that a Parquet body or an upload may take when it is decoded."""
+    query_rows: Count = 65_536
+    """Most rows of one question."""
+    page_rows: Count = 262_144
+    """Most rows of one page of an answer."""
+    requests: Count = 256
+    """Most requests in flight; beyond it 503."""
+    computing: Count = 2
+    """Large questions that are computed at once, each on all processors."""
+    waiting: Annotated[int, Field(ge=0)] = 16
+    """Large questions that may wait for that; beyond it 503."""
+    jobs: Count = Field(default_factory=lambda: os.cpu_count() or 1)
+    """Scoring jobs that run at once, one process each."""
+    job_queue: Annotated[int, Field(ge=0)] = 64
+    """Scoring jobs that may wait; beyond it 429."""
+    job_seconds: Seconds = 3600
+    """A scoring job that takes longer is stopped."""
+    job_bytes: Bytes = 8 * 2**30
+    """Most memory that a scoring job may take."""
+    cache_bytes: Bytes = 2**30
+    """Memory for fields, models and values that were asked before."""
+
+    header_seconds: Seconds = 10
+    """Time for a request's head to arrive."""
+    body_seconds: Seconds = 30
+    """Time for a body to arrive, and a second more for every 64 KiB of it."""
+    send_seconds: Seconds = 30
+    """Time for a client to take the next part of an answer."""
+    grace_seconds: Seconds = 30
+    """Time to finish what was accepted after SIGTERM."""
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    """Least severity that is logged, as lines of JSON on standard error."""
+
+    @property
+    def state_folder(self) -> Path:
+        """Where the service keeps its own state; raises InvalidInputError without a place."""
+        if self.state is not None:
+            return self.state
+        local = Folder(self.store).local
+        if local is None:
+            raise InvalidInputError(
+                f"state: expected a folder (--state) beside the store {self.store}, found none"
+            )
+        return local / ".service"
+
+
+def read_settings(**given: Any) -> Settings:
+    """Return the settings given, then those of the environment; raises InvalidInputError."""
+    try:
+        return Settings(**given)
+    except ValidationError as error:
+        raise InvalidInputError(explained(error)) from None
+
+
+def explained(error: ValidationError) -> str:
+    """Tell which settings are wrong, in one line, without the values: they may be secret."""
+    faults = error.errors(include_input=False, include_url=False)
+    return "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in faults)

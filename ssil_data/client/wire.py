@@ -1,0 +1,83 @@
+"""Arrow on the wire: tables whose lists are matrices, and their bytes; both sides read it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ssil_data.demonstrations import Pairs
+from ssil_data.errors import InvalidInputError
+
+JSON = "application/json"
+ARROW = "application/vnd.apache.arrow.stream"
+PARQUET = "application/vnd.apache.parquet"
+
+IDEMPOTENCY = "Idempotency-Key"
+"""A job asked for twice under one such key is made once."""
+
+
+def encoded(table: pa.Table) -> pa.Buffer:
+    """Return a table as an Arrow IPC stream."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, table.schema) as stream:
+        stream.write_table(table)
+    return sink.getvalue()
+
+
+def decoded(body: bytes | pa.Buffer) -> pa.Table:
+    """Return the table of an Arrow IPC stream from a service that is trusted."""
+    try:
+        return pa.ipc.open_stream(body).read_all()
+    except pa.ArrowException as error:
+        raise InvalidInputError(f"answer: expected an Arrow stream, found {error}") from None
+
+
+def rows_of_matrix(values: NDArray[Any]) -> pa.FixedSizeListArray:
+    """Return a matrix (n, w) as a column of lists of w."""
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+
+def matrix_of_rows(column: pa.ChunkedArray, width: int | None = None) -> NDArray[Any]:
+    """Return a column of lists as a matrix (n, w); raises InvalidInputError for other widths."""
+    rows = column.combine_chunks()
+    if isinstance(rows.type, pa.FixedSizeListType):
+        found = rows.type.list_size
+    else:
+        lengths = np.unique(rows.value_lengths().to_numpy(zero_copy_only=False))
+        if len(lengths) > 1:
+            raise InvalidInputError(f"list: expected one width, found {lengths[:2].tolist()}")
+        found = int(lengths[0]) if len(lengths) else (width or 0)
+    if width is not None and found != width:
+        raise InvalidInputError(f"list: expected width {width}, found {found}")
+    return rows.flatten().to_numpy(zero_copy_only=False).reshape(len(rows), found)
+
+
+def states_table(states: NDArray[np.float32]) -> pa.Table:
+    """Return states (m, d) as the body of a question."""
+    return pa.table({"state": rows_of_matrix(states)})
+
+
+def pairs_table(pairs: Pairs) -> pa.Table:
+    """Return pairs as the body of a question."""
+    return pa.table(
+        {
+            "episode": pairs.episode,
+            "step": pairs.step,
+            "state": rows_of_matrix(pairs.states),
+            "action": rows_of_matrix(pairs.actions),
+        }
+    )
+
+
+def pairs_of_table(table: pa.Table) -> Pairs:
+    """Return the pairs of an answer."""
+    return Pairs(
+        states=matrix_of_rows(table["state"]),
+        actions=matrix_of_rows(table["action"]),
+        episode=table["episode"].to_numpy(),
+        step=table["step"].to_numpy(),
+    )

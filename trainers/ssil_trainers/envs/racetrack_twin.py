@@ -1,0 +1,272 @@
+"""The racetrack's twin: any number of cars in one compiled call, each as if it were alone.
+
+Built from highway-env's own road object. Car i, reset with seed s, drives exactly as `RacetrackEnv`
+reset with seed s + i. It is for training; scores are measured on the real environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs import racetrack_kernels as kernels
+from ssil_trainers.envs.highway import POLICY_HZ, Track, motion, simulator
+from ssil_trainers.envs.racetrack_kernels import Cars
+from ssil_trainers.envs.racetrack_state import (
+    ACTION_NAMES,
+    SIGHT,
+    STATE_HIGH,
+    STATE_LOW,
+    STATE_NAMES,
+    Car,
+)
+from ssil_trainers.envs.road import Road
+from ssil_trainers.envs.starts import Start, told
+
+Info = dict[str, Any]
+Stepped = tuple[
+    NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info
+]
+
+
+class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """`RacetrackEnv`, n times, on one core; states, rewards and ends as gymnasium's SyncVectorEnv.
+
+    info: position (n, 2) in metres, and after a step underlying_reward (n,), each with its mask.
+    A car starts anew from its own generator, so what it does never depends on its neighbours.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        track: Track = "default",
+        *,
+        policy_hz: int = POLICY_HZ,
+        other_vehicles: int = 0,
+        episode_steps: int = 1_000,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        """Build the track; the arguments are those of `RacetrackEnv`.
+
+        Raises InvalidInputError for other vehicles and pictures: only `RacetrackEnv` has them.
+        """
+        _refuse(num_envs, other_vehicles, render_mode)
+        self.num_envs = num_envs
+        self.metadata = {
+            "render_modes": [],
+            "render_fps": policy_hz,
+            "autoreset_mode": AutoresetMode(autoreset_mode),
+        }
+        self.single_observation_space = Box(STATE_LOW, STATE_HIGH, dtype=np.float32)
+        self.single_action_space = Box(-1.0, 1.0, (len(ACTION_NAMES),), dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        real = simulator(track, policy_hz=policy_hz, other_vehicles=0, render_mode=None)
+        self._road = Road.of(real.road.network)
+        real.close()
+        self._motion = motion(policy_hz)
+        self._episode_steps = episode_steps
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds = [-1] * num_envs
+        self._starts = [Start(0, 0.0, 0.0)] * num_envs
+        self._cars = Cars.parked(num_envs)
+        self._states = np.zeros((num_envs, len(STATE_NAMES)))
+        self._rewards = np.zeros(num_envs)
+        self._off_road = np.zeros(num_envs, dtype=np.bool_)
+        self._ended = np.zeros(num_envs, dtype=np.bool_)
+        self._steps = np.zeros(num_envs, dtype=np.int64)
+
+    @property
+    def road(self) -> Road:
+        """The road's geometry."""
+        return self._road
+
+    @property
+    def starts(self) -> list[Start]:
+        """Where the cars' episodes started; a reset with `options={"start": starts}` repeats."""
+        return list(self._starts)
+
+    def car(self, number: int) -> Car:
+        """Return a car as it stands."""
+        x, y, heading, speed = self._cars.pose[number].tolist()
+        local, action = self._cars.local[number].tolist(), self._cars.action[number].tolist()
+        return Car(x, y, heading, speed, int(self._cars.lane[number]), *local, *action)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The cars' own generators."""
+        return tuple(self._generator(car) for car in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The seeds of the cars' generators."""
+        return tuple(self._seeds[car] for car in range(self.num_envs) if self._generator(car))
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], Info]:
+        """Start all cars anew, car i with seed + i or the i-th of the seeds.
+
+        `options` may have "start", a `Start` for each car, and "reset_mask" (n,) bool, which cars
+        to start. Raises InvalidInputError.
+        """
+        seeds, which = self._seeded(seed), self._masked(options)
+        for car in which:
+            if seeds[car] is not None:
+                self._generators[car], self._seeds[car] = seeding.np_random(seeds[car])
+        starts = told(options)
+        if starts is not None and len(starts) != self.num_envs:
+            raise InvalidInputError(
+                f"start: expected one for each of {self.num_envs} cars, found {len(starts)}"
+            )
+        self._place(which, starts)
+        return self._states.astype(np.float32), self._told(restarted=which, moved=which[:0])
+
+    def step(self, actions: NDArray[np.float32]) -> Stepped:
+        """Drive every car for one decision, or start it anew as the autoreset mode says.
+
+        actions (n, 2), clipped to [-1, 1]; raises InvalidInputError where one is not finite.
+        """
+        chosen = self._checked(actions)
+        mode = self.metadata["autoreset_mode"]
+        if mode == AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(f"cars {np.flatnonzero(self._ended)} must be reset")
+        moving = ~self._ended
+        restarted, moved = np.flatnonzero(self._ended), np.flatnonzero(moving)
+        self._cars.act(chosen, self._motion)
+        kernels.drive(self._cars, moved, self._motion)
+        self._see(moved)
+        rewards = self._rewards * moving
+        terminated = self._off_road & moving
+        self._steps += moving
+        truncated = (self._steps >= self._episode_steps) & moving
+        self._ended = terminated | truncated
+        self._place(restarted)
+        final: Info = {}
+        if mode == AutoresetMode.SAME_STEP and self._ended.any():
+            restarted = np.flatnonzero(self._ended)
+            final = self._final(restarted, rewards)
+            moved = np.flatnonzero(~self._ended)
+            self._place(restarted)
+        info = self._told(restarted=restarted, moved=moved, rewards=rewards)
+        return self._states.astype(np.float32), rewards, terminated, truncated, {**final, **info}
+
+    def _see(self, which: NDArray[np.int64]) -> None:
+        """Write states, rewards and ends of some cars."""
+        (lanes, edges), pose = (self._road.lanes, self._road.edges), self._cars.pose[which]
+        angles = np.arctan2(pose[:, 1:2] - lanes.y, pose[:, 0:1] - lanes.x)
+        seen = self._states, self._rewards, self._off_road
+        kernels.see(self._cars, which, angles, lanes, edges, SIGHT, self._motion, *seen)
+
+    def _place(self, which: NDArray[np.int64], starts: Sequence[Start] | None = None) -> None:
+        """Start some cars anew, where they are told or where their generators say."""
+        if not len(which):
+            return
+        for car in which:
+            self._starts[car] = (
+                Start.draw(self._road, self._generator(car))
+                if starts is None
+                else starts[car].on(self._road)
+            )
+        places = [(s.lane, s.longitudinal, s.speed) for s in (self._starts[car] for car in which)]
+        kernels.place(self._cars, which, np.array(places, dtype=np.float64), self._road.lanes)
+        self._see(which)
+        self._steps[which], self._ended[which] = 0, False
+
+    def _generator(self, car: int) -> np.random.Generator:
+        generator = self._generators[car]
+        if generator is None:
+            generator, self._seeds[car] = seeding.np_random()
+            self._generators[car] = generator
+        return generator
+
+    def _seeded(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + car for car in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InvalidInputError(
+                f"seed: expected one for each of {self.num_envs} cars, found {len(seed)}"
+            )
+        return seed
+
+    def _masked(self, options: Info | None) -> NDArray[np.int64]:
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise InvalidInputError(f"reset_mask: expected a bool array, found {mask!r}")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise InvalidInputError(
+                f"reset_mask: expected some of {self.num_envs} cars, found {mask}"
+            )
+        return np.flatnonzero(mask)
+
+    def _checked(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        chosen = np.asarray(actions, dtype=np.float64)
+        if chosen.shape != self.action_space.shape:
+            raise InvalidInputError(
+                f"actions: expected shape {self.action_space.shape}, found {chosen.shape}"
+            )
+        if not np.isfinite(chosen).all():
+            car = int(np.argmin(np.isfinite(chosen).all(axis=1)))
+            raise InvalidInputError(
+                f"actions: expected finite numbers, found {chosen[car]} for car {car}"
+            )
+        return np.clip(chosen, -1.0, 1.0)
+
+    def _final(self, ended: NDArray[np.int64], rewards: NDArray[np.float64]) -> Info:
+        """Return what gymnasium tells of the cars whose episode ends where another begins."""
+        states = np.full(self.num_envs, None, dtype=object)
+        for car in ended:
+            states[car] = self._states[car].astype(np.float32)
+        info = self._told(restarted=ended[:0], moved=ended, rewards=rewards)
+        mask = self._mask(ended)
+        return {"final_obs": states, "_final_obs": mask, "final_info": info, "_final_info": mask}
+
+    def _told(
+        self,
+        *,
+        restarted: NDArray[np.int64],
+        moved: NDArray[np.int64],
+        rewards: NDArray[np.float64] | None = None,
+    ) -> Info:
+        """Return positions of all these cars, and rewards of those that moved."""
+        known = self._mask(np.concatenate([restarted, moved]))
+        info: Info = {"position": self._cars.pose[:, :2] * known[:, None], "_position": known}
+        if rewards is not None and len(moved):
+            mask = self._mask(moved)
+            info |= {"underlying_reward": rewards * mask, "_underlying_reward": mask}
+        return info
+
+    def _mask(self, which: NDArray[np.int64]) -> NDArray[np.bool_]:
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[which] = True
+        return mask
+
+
+def _refuse(num_envs: int, other_vehicles: int, render_mode: str | None) -> None:
+    if num_envs < 1:
+        raise InvalidInputError(f"num_envs: expected at least 1, found {num_envs}")
+    if other_vehicles:
+        raise InvalidInputError(
+            f"other_vehicles: expected 0 in the vector environment, found {other_vehicles}; "
+            "highway-env's traffic drives in the single one, gymnasium.make('SSILRacetrack-v0')"
+        )
+    if render_mode is not None:
+        raise InvalidInputError(
+            f"render_mode: expected None in the vector environment, found {render_mode!r}; "
+            "the single one, gymnasium.make('SSILRacetrack-v0'), makes pictures"
+        )

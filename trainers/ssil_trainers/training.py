@@ -1,0 +1,231 @@
+"""One training run that can be watched, stopped and resumed: what it leaves in its folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+
+from ssil_data.errors import ConflictError
+from ssil_trainers import tensors
+from ssil_trainers.adversarial import Iteration, Learner
+from ssil_trainers.methods import METHODS, Demonstrations
+from ssil_trainers.policy import Policy
+from ssil_trainers.rollout import Driver, returns
+from ssil_trainers.settings import TrainSettings
+
+KIND = "ssil checkpoint"
+CHECKPOINT, POLICY, CURVE = "checkpoint.safetensors", "policy.safetensors", "curve.csv"
+
+Worlds = Callable[[int], VectorEnv[Any, Any, Any]]
+"""Makes so many environments side by side."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How the mean action did: mean and least return of an episode, mean length, and the score.
+
+    The score is the mean return over the expert's, None where the expert's is not known.
+    """
+
+    mean: float
+    least: float
+    length: float
+    score: float | None
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One row of a learning curve: an iteration, None before the first, and an evaluation."""
+
+    steps: int
+    iteration: Iteration | None
+    evaluation: Evaluation | None
+
+    def row(self) -> dict[str, Any]:
+        """Return the figures by name, those of the evaluation with its prefix; None stays."""
+        figures = {} if self.iteration is None else asdict(self.iteration)
+        scored = {} if self.evaluation is None else asdict(self.evaluation)
+        figures |= {f"return_{key}": value for key, value in scored.items() if key != "score"}
+        return {**figures, "steps": self.steps, "score": scored.get("score")}
+
+
+Seen = Callable[[Moment], None]
+"""Called after every iteration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What is trained, on what, and where it is kept.
+
+    `origin` is JSON that tells the demonstrations apart: a checkpoint goes on with the same alone.
+    """
+
+    method: str
+    settings: TrainSettings
+    demonstrations: Demonstrations
+    worlds: Worlds
+    origin: Mapping[str, Any]
+    expert_return: float | None = None
+    folder: Path | None = None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a checkpoint must have been made from; the number of steps may differ."""
+        settings = {key: value for key, value in asdict(self.settings).items() if key != "steps"}
+        return {"method": self.method, "settings": settings, "origin": dict(self.origin)}
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """The policy after the last iteration, and the curve that led there."""
+
+    policy: Policy
+    curve: tuple[Moment, ...]
+
+
+def train(job: Job, *, resume: bool = False, seen: Seen = lambda moment: None) -> Trained:
+    """Train to the end; same job, same machine, same bytes, however often it was interrupted.
+
+    With a folder it leaves a checkpoint and a policy file at every boundary, and the curve. Raises
+    ConflictError if the folder has a checkpoint and `resume` is off, or one of another job.
+    """
+    with _one_thread():
+        return _Run(job, resume=resume).to_the_end(seen)
+
+
+class _Run:
+    """A job on its way."""
+
+    def __init__(self, job: Job, *, resume: bool) -> None:
+        method = METHODS[job.method]
+        self.settings = method.settings(job.settings)
+        self.job = replace(job, settings=self.settings)
+        of, standardiser = job.demonstrations, job.demonstrations.standardiser
+        self.examiners = job.worlds(self.settings.evaluations)
+        driver = Driver(job.worlds(self.settings.environments))
+        experts = method.imitated(of, driver.box, standardiser)
+        shaping = method.shaped(of, self.settings)
+        self.learner = Learner(self.settings, driver, experts, shaping, standardiser)
+        self.curve: list[Moment] = []
+        if not self._restored(resume) and self.settings.pretrained:
+            self.learner.clone()
+
+    def to_the_end(self, seen: Seen) -> Trained:
+        if not self.curve:
+            self._add(None, seen)
+        while self.learner.done < self.settings.iterations:
+            if self.learner.done % self.settings.boundary == 0:
+                self._keep()
+                self.learner.start_anew()
+            self._add(self.learner.iterate(), seen)
+        policy = self._keep_policy()
+        for envs in (self.examiners, self.learner.driver.envs):
+            envs.close()
+        return Trained(policy, tuple(self.curve))
+
+    def _add(self, iteration: Iteration | None, seen: Seen) -> None:
+        done, due = self.learner.done, self.settings.evaluate_every
+        last = done >= self.settings.iterations
+        evaluation = self._evaluation() if last or done % due == 0 else None
+        moment = Moment(0 if iteration is None else iteration.steps, iteration, evaluation)
+        self.curve.append(moment)
+        seen(moment)
+
+    def _evaluation(self) -> Evaluation:
+        seed = int(np.random.SeedSequence([self.settings.seed, 5]).generate_state(1)[0]) % 2**31
+        total, length = returns(self.learner.snapshot(), self.examiners, seed=seed)
+        mean, expert = float(total.mean()), self.job.expert_return
+        score = None if expert is None else mean / expert
+        return Evaluation(mean, float(total.min()), float(length.mean()), score)
+
+    def _keep(self) -> None:
+        """Write a checkpoint from which the next iteration starts anew."""
+        if self.job.folder is None:
+            return
+        described = {
+            "kind": KIND,
+            "identity": self.job.identity,
+            "done": self.learner.done,
+            "eta": self.learner.eta,
+            "curve": [asdict(moment) for moment in self.curve],
+        }
+        tensors.write(self.job.folder / CHECKPOINT, self.learner.arrays(), described)
+        self._keep_policy()
+
+    def _restored(self, resume: bool) -> bool:
+        """Take up the folder's checkpoint if there is one."""
+        path = None if self.job.folder is None else self.job.folder / CHECKPOINT
+        if path is None or not path.exists():
+            return False
+        if not resume:
+            raise ConflictError(f"checkpoint: expected none in {path.parent}; --resume goes on")
+        arrays, described = tensors.read(path, KIND)
+        for name, value in self.job.identity.items():
+            if described["identity"][name] != value:
+                raise ConflictError(
+                    f"checkpoint: expected {_differences(described['identity'][name], value)}"
+                )
+        self.learner.restore(arrays, done=described["done"], eta=described["eta"])
+        self.curve = [_moment(row) for row in described["curve"]]
+        return True
+
+    def _keep_policy(self) -> Policy:
+        last = next(m.evaluation for m in reversed(self.curve) if m.evaluation is not None)
+        described = {
+            **self.job.identity,
+            "steps": self.curve[-1].steps,
+            "expert_return": self.job.expert_return,
+            "evaluation": asdict(last),
+        }
+        policy = self.learner.snapshot(described)
+        if self.job.folder is not None:
+            policy.save(self.job.folder / POLICY)
+            (self.job.folder / CURVE).write_text(_csv(self.curve))
+        return policy
+
+
+def _moment(row: Mapping[str, Any]) -> Moment:
+    iteration, evaluation = row["iteration"], row["evaluation"]
+    return Moment(
+        row["steps"],
+        None if iteration is None else Iteration(**iteration),
+        None if evaluation is None else Evaluation(**evaluation),
+    )
+
+
+def _csv(curve: list[Moment]) -> str:
+    rows = [moment.row() for moment in curve]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _differences(kept: Any, given: Any) -> str:
+    """Say which of two JSON values differ, key by key where they are objects."""
+    if not (isinstance(kept, dict) and isinstance(given, dict)):
+        return f"{kept!r} as before, found {given!r}"
+    names = [name for name in {**kept, **given} if kept.get(name) != given.get(name)]
+    return "; ".join(f"{n} {kept.get(n)!r} as before, found {given.get(n)!r}" for n in names)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Networks this small lose by threads, and one thread repeats its sums exactly."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
