@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ssil_data.answers import Accuracy, LCoR
     from ssil_data.client import ServiceError, connect
     from ssil_data.dataset import Dataset
     from ssil_data.demonstrations import Episode, Pairs
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
         SsilDataError,
     )
     from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
-    from ssil_data.field import LCoR, LeverageField
+    from ssil_data.field import LeverageField
     from ssil_data.leverage import Conformal, MinMax, Quantile
     from ssil_data.quality import Quality, quality
     from ssil_data.report import write_report
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from ssil_data.store import Store
 
 _HOME = {
+    "Accuracy": "answers",
     "Conformal": "leverage",
     "ConflictError": "errors",
     "DamagedError": "errors",
@@ -41,7 +43,7 @@ _HOME = {
     "Episode": "demonstrations",
     "GPR": "estimators",
     "InvalidInputError": "errors",
-    "LCoR": "field",
+    "LCoR": "answers",
     "LeverageField": "field",
     "LeverageModel": "scoring",
     "MDN": "estimators",
@@ -69,6 +71,7 @@ __all__ = [
     "GPR",
     "MDN",
     "VAE",
+    "Accuracy",
     "ConflictError",
     "Conformal",
     "DamagedError",

@@ -19,6 +19,18 @@ class Accuracy:
     `tolerance`, in units of LCoR or, if `relative`, in deviations of LCoR over the demonstrations;
     or as many as `seconds` allow. Without either, all are asked. Equal seeds ask equal parts.
     Raises InvalidInputError for numbers that are not finite and positive, and for both at once.
+
+    Parameters
+    ----------
+    tolerance:
+        Ask a random part of the pairs, large enough for answers that are this exact with a chance
+        of 99.9 %.
+    relative:
+        Take the tolerance in deviations of LCoR over the demonstrations.
+    seconds:
+        Ask as large a random part of the pairs as this time allows.
+    seed:
+        Equal seeds ask equal parts.
     """
 
     tolerance: float | None = None

@@ -24,7 +24,7 @@ _COMMANDS = {
     "validate": ("data:validate", "Check that every file of a dataset is as it was written."),
     "score": ("leverage:score", "Give every pair of a dataset a leverage in [0, 1]."),
     "show": ("leverage:show", "Show leverage by quality tier, and how well it ranks quality."),
-    "lcor": ("leverage:lcor", "Ask how good the neighbourhood of states is."),
+    "lcor": ("lcor:lcor", "Ask how good the neighbourhood of states is."),
     "report": ("leverage:report", "Write one offline HTML page about a dataset's runs."),
 }
 

@@ -201,8 +201,11 @@ class Dataset:
         """Read the leverage that a run gave to every pair, (n,) in [0, 1]."""
         return self.runs.values(run)["leverage"].to_numpy()
 
-    def field(self, run: str, *, alpha: float | None = None) -> LeverageField:
-        """Return the leverage field of a run over all states, with the run's alpha or another."""
+    def field(self, run: str, *, alpha: float | None = None, device: str = "cpu") -> LeverageField:
+        """Return the leverage field of a run over all states, with the run's alpha or another.
+
+        `device` is where torch holds the states, as "cuda"; on "cpu" code is written for the host.
+        """
         record = self.runs[run]
         return LeverageField(
             states=self.pairs().states,
@@ -212,6 +215,7 @@ class Dataset:
                 np.asarray(record.shift, np.float32), np.asarray(record.spread, np.float32)
             ),
             alpha=record.alpha if alpha is None else alpha,
+            device=device,
         )
 
     def damaged(self) -> list[str]:

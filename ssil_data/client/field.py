@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
+from ssil_data.answers import Contributors, LCoR
 from ssil_data.client.connection import Connection
 from ssil_data.client.wire import ARROW, decoded, encoded, matrix_of_rows, pairs_table, states_table
 from ssil_data.demonstrations import Pairs, finite_matrix
 from ssil_data.errors import InvalidInputError
-from ssil_data.field import Contributors, LCoR
 from ssil_data.kernels import Sums
 from ssil_data.rows import PARTS
 from ssil_data.runs import Run

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ssil_data.errors import InvalidInputError
 from ssil_data.kernels.rows import Rows
 from ssil_data.kernels.sums import Sums
 
@@ -35,9 +36,18 @@ class Tensors:
         leverage: NDArray[np.float32],
         device: str = "cpu",
     ) -> Tensors:
-        """Bring states (n, d), minus `centre` (d,), to a device; they are read in parts."""
+        """Bring states (n, d), minus `centre` (d,), to a device; they are read in parts.
+
+        Raises InvalidInputError for a device that torch cannot use.
+        """
         count, width = states.shape
-        held = torch.empty((count, width), dtype=torch.float32, device=device)
+        try:
+            held = torch.empty((count, width), dtype=torch.float32, device=device)
+        except (AssertionError, RuntimeError) as error:
+            reason = str(error).splitlines()[0]
+            raise InvalidInputError(
+                f"device: expected one that torch can use, found {device!r}: {reason}"
+            ) from None
         for i in range(0, count, _AT_ONCE):
             held[i : i + _AT_ONCE] = _tensor(states[i : i + _AT_ONCE] - centre)
         return cls(held, _tensor(leverage).to(device).double())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import mmap
+import os
 from dataclasses import dataclass, replace
 from functools import cache
 from threading import Lock
@@ -35,7 +37,9 @@ class Target:
     @classmethod
     @cache
     def host(cls) -> Target | None:
-        """Return this machine, None where no tile is known for it."""
+        """Return this machine, None where no tile is known or no code may be written."""
+        if not _may_write_code():
+            return None
         features = llvm.get_host_cpu_features()
         processor, kind = llvm.get_host_cpu_name(), llvm.get_process_triple().split("-")[0]
         # 512-bit vectors even where LLVM would rather keep the clock high
@@ -82,6 +86,16 @@ class Code:
         addresses = (array.ctypes.data for array in (panels, queries, sums, brackets))
         width = queries.shape[1] - 2
         self.function(*addresses, width, len(panels), len(queries), exponent)
+
+
+def _may_write_code() -> bool:
+    """Tell whether memory that was written may be run; LLVM dies where a system forbids it."""
+    if os.name != "posix":
+        return True
+    page = mmap.mmap(-1, mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    address = ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(page)))
+    runnable = mmap.PROT_READ | mmap.PROT_EXEC
+    return ctypes.CDLL(None).mprotect(address, mmap.PAGESIZE, runnable) == 0
 
 
 @cache

@@ -149,7 +149,7 @@ def test_lcor_from_files_of_any_kind_and_along_an_episode(scored: Shell):
         scored.json("lcor", "drives", "--run", "gpr", "--states", scored.folder / f"states.{kind}")
         for kind in ("npy", "npz", "csv")
     ]
-    assert set(answers[0]) == {"alpha", "lcor", "effective_sample_size"}
+    assert set(answers[0]) == {"alpha", "lcor", "effective_sample_size", "half_width"}
     assert answers[0]["lcor"] == answers[1]["lcor"] == pytest.approx(answers[2]["lcor"])
     along = scored.json("lcor", "drives", "--run", "gpr", "--episode", 0, "--alpha", 3)
     assert along["alpha"] == 3

@@ -1,8 +1,12 @@
 """Code is written for any processor, compiled once, and says which host it knows."""
 
+import subprocess
+import sys
+
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
+import torch
 
 from ssil_data.kernels import References
 from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compiled
@@ -63,3 +67,39 @@ def test_an_unknown_host_has_no_target_and_still_answers(monkeypatch: pytest.Mon
     states, leverage = made(0, 50, 3)
     sums = References(states, leverage, target=None).sums(states, alpha=1.0)
     assert np.isfinite(sums.values).all()
+
+
+HARDENED = """
+import ctypes, sys
+MDWE, REFUSE_EXEC_GAIN = 65, 1
+if sys.platform != "linux" or ctypes.CDLL(None).prctl(MDWE, REFUSE_EXEC_GAIN, 0, 0, 0):
+    sys.exit(77)
+import numpy as np
+from ssil_data.kernels import References
+from ssil_data.kernels.native import Target
+assert Target.host() is None
+states = np.eye(5, dtype=np.float32)
+print(References(states, states[0]).sums(states[:1], alpha=1.0).values[0])
+"""
+
+
+def test_where_code_may_not_be_written_plain_torch_answers():
+    done = subprocess.run([sys.executable, "-c", HARDENED], capture_output=True, text=True)
+    if done.returncode == 77:
+        pytest.skip("this system cannot forbid memory to be written and run")
+    states = np.eye(5, dtype=np.float32)
+    known = References(states, states[0]).sums(states[:1], alpha=1.0).values[0]
+    assert float(done.stdout) == pytest.approx(known, abs=1e-6), done.stderr
+
+
+@pytest.mark.parametrize("alpha", [1e-4, 1.0, 12.0])
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_torch_answers_on_the_device_that_is_asked_for(device: str, alpha: float):
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
+    (states, leverage), (queries, _) = made(0, 20_000, 9), made(1, 130, 9)
+    plain = References(states, leverage, target=None, device=device)
+    found = plain.sums(queries, alpha=alpha, contributors=3)
+    known = References(states, leverage).sums(queries, alpha=alpha, contributors=3)
+    np.testing.assert_allclose(found.values, known.values, atol=1e-6)
+    np.testing.assert_allclose(found.nearest_weight, known.nearest_weight, rtol=1e-4)
