@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from threading import RLock
 
 import numpy as np
@@ -75,7 +74,7 @@ class LeverageField:
 
         All demonstration states are asked, and with `contributors` > 0 those that contributed most
         are named. `tolerance`, `relative`, `seconds` and `seed` are those of `Accuracy`; the first
-        such answer of a seed reads all states once more. Raises InvalidInputError for another
+        such answer reads all states once more. Raises InvalidInputError for another
         width, non-finite states, or options that contradict each other.
         """
         accuracy = Accuracy(tolerance, relative, seconds, seed)
@@ -86,14 +85,13 @@ class LeverageField:
                 "contributors: expected 0 with a tolerance or seconds, as only all states "
                 f"together can name them, found {contributors}"
             )
-        queries, sample = self._standardised(states), self._sample(seed)
+        queries, sampled = self._standardised(states), self._sampled()
         if accuracy.seconds is not None:
-            found = sample.in_time(queries, alpha=self.alpha, seconds=accuracy.seconds)
+            found = sampled.in_time(queries, alpha=self.alpha, seconds=accuracy.seconds, seed=seed)
         else:
-            unit = self._deviation if relative else 1.0
             assert accuracy.tolerance is not None
-            width = accuracy.tolerance * unit
-            found = sample.within(queries, alpha=self.alpha, tolerance=width)
+            width = accuracy.tolerance * (self._deviation if relative else 1.0)
+            found = sampled.within(queries, alpha=self.alpha, tolerance=width, seed=seed)
         return LCoR.of_estimate(found)
 
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
@@ -127,21 +125,18 @@ class LeverageField:
             return self._packed
 
     @cached_property
-    def _samples(self) -> Callable[[int], Sampled]:
-        def draw(seed: int) -> Sampled:
-            return Sampled(self._rows, self.leverage, self._references, seed=seed)
+    def _drawing(self) -> Sampled:
+        return Sampled(self._rows, self.leverage, self._references)
 
-        return lru_cache(maxsize=1)(draw)
-
-    def _sample(self, seed: int) -> Sampled:
+    def _sampled(self) -> Sampled:
         with self._packing:
-            return self._samples(seed)
+            return self._drawing
 
     @cached_property
     def _deviation(self) -> float:
         """Return the standard deviation of LCoR over the demonstration states, from a sample."""
         chosen = np.random.default_rng(0).integers(len(self.states), size=_ASKING)
-        found = self._sample(0).of_size(self._rows[chosen], alpha=self.alpha, size=_ASKED)
+        found = self._sampled().of_size(self._rows[chosen], alpha=self.alpha, size=_ASKED)
         return max(float(found.values.std()), np.finfo(float).tiny)
 
     @cached_property

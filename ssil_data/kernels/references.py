@@ -62,7 +62,9 @@ class References:
         centred = queries - self._centre
         if self._target is None:
             sums = self._plain.sums(centred, alpha=alpha, contributors=contributors)
-        elif alpha < FLATTEST or not len(queries):
+        elif not len(queries):
+            sums = Sums.none(min(contributors, self._panels.count))
+        elif alpha < FLATTEST:
             sums = chunked.lcor_sums(
                 centred, *self._panels.unpacked(), alpha=alpha, contributors=contributors
             )

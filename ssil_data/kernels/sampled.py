@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import Lock
 
 import numpy as np
@@ -25,8 +25,8 @@ SMALLEST = 8 * FIRST
 class Sampled:
     """States (n, d) with their leverage (n,), of which a random part is asked.
 
-    `exact` answers from all of them. Equal `seed`s draw equal samples. What is to be known of all
-    states is read when it is first needed.
+    `exact` answers from all of them. Equal seeds draw equal samples, of which the latest is kept.
+    What is to be known of all states is read when it is first needed.
     """
 
     def __init__(
@@ -35,14 +35,12 @@ class Sampled:
         leverage: NDArray[np.float32],
         exact: Callable[[], References],
         *,
-        seed: int = 0,
         target: Target | None = HOST,
     ) -> None:
         self._states, self._leverage, self._exact = states, leverage, exact
         self._centre, self._population = centre(states), Population.of(leverage)
-        mean = self._population.mean
-        self._sample = Sample(states, leverage, self._centre, mean, seed=seed, target=target)
-        self._reading = Lock()
+        self._target, self._lock = target, Lock()
+        self._samples = lru_cache(maxsize=1)(self._drawn)
 
     @cached_property
     def _totals(self) -> Totals:
@@ -50,7 +48,7 @@ class Sampled:
 
     def prepare(self) -> Totals:
         """Read what is to be known of all states, if that is not done yet."""
-        with self._reading:
+        with self._lock:
             return self._totals
 
     def within(
@@ -59,6 +57,7 @@ class Sampled:
         *,
         alpha: float,
         tolerance: float,
+        seed: int = 0,
         threads: int | None = None,
     ) -> Estimate:
         """Answer queries (m, d) with 99.9 % half-widths of at most `tolerance` > 0.
@@ -68,20 +67,21 @@ class Sampled:
         """
         if self._is_short(queries, alpha):
             return self._exactly(queries, alpha, threads)
-        asked = self._asked(queries, alpha, threads)
+        asked = self._asked(queries, alpha, seed, threads)
         found, left = Estimate.blank(len(queries)), np.arange(len(queries))
-        exactly, size = [], self._sample.whole(FIRST)
+        exactly, size = [], asked.sample.whole(FIRST)
         while len(left):
             answer = asked.upto(size, left)
             need = answer.size_for(tolerance, size, self._population.count)
-            done, hopeless = need <= size, need > self._sample.largest
+            done, hopeless = need <= size, need > asked.sample.largest
             found.put(left[done], answer.take(done))
             exactly.append(left[hopeless & ~done])
             left, need = left[~done & ~hopeless], need[~done & ~hopeless]
             if len(left):
-                size = self._sample.whole(min(2 * size, 1.05 * need.max()))
+                size = asked.sample.whole(min(2 * size, 1.05 * need.max()))
         rows = np.concatenate(exactly)
-        found.put(rows, self._exactly(queries[rows], alpha, threads))
+        if len(rows):
+            found.put(rows, self._exactly(queries[rows], alpha, threads))
         return found
 
     def in_time(
@@ -90,6 +90,7 @@ class Sampled:
         *,
         alpha: float,
         seconds: float,
+        seed: int = 0,
         threads: int | None = None,
     ) -> Estimate:
         """Answer queries (m, d) from as large a sample as `seconds` allow, exactly if they do.
@@ -100,15 +101,15 @@ class Sampled:
         begin, left = time.perf_counter(), np.arange(len(queries))
         if self._is_short(queries, alpha):
             return self._exactly(queries, alpha, threads)
-        asked = self._asked(queries, alpha, threads)
-        size = self._sample.whole(FIRST)
+        asked = self._asked(queries, alpha, seed, threads)
+        size = asked.sample.whole(FIRST)
         answer = asked.upto(size, left)
-        while size < self._sample.largest:
+        while size < asked.sample.largest:
             spent = time.perf_counter() - begin
             affordable = size * seconds / spent
             if affordable > self._population.count:
                 return self._exactly(queries, alpha, threads)
-            larger = self._sample.whole(min(2 * size, affordable))
+            larger = asked.sample.whole(min(2 * size, affordable))
             if larger <= size:
                 break
             size, answer = larger, asked.upto(larger, left)
@@ -120,19 +121,35 @@ class Sampled:
         )
 
     def of_size(
-        self, queries: NDArray[np.float32], *, alpha: float, size: int, threads: int | None = None
+        self,
+        queries: NDArray[np.float32],
+        *,
+        alpha: float,
+        size: int,
+        seed: int = 0,
+        threads: int | None = None,
     ) -> Estimate:
         """Answer queries (m, d) from a sample of about `size` states, whatever that gives."""
-        asked = self._asked(queries, alpha, threads)
-        return asked.upto(self._sample.whole(size), np.arange(len(queries)))
+        asked = self._asked(queries, alpha, seed, threads)
+        return asked.upto(asked.sample.whole(size), np.arange(len(queries)))
 
     def _is_short(self, queries: NDArray[np.float32], alpha: float) -> bool:
         return not len(queries) or self._population.count < SMALLEST or alpha < FLATTEST
 
-    def _asked(self, queries: NDArray[np.float32], alpha: float, threads: int | None) -> _Asked:
-        centred = queries - self._centre
-        totals, alpha = self.prepare(), min(alpha, SHARPEST)
-        return _Asked(self._sample, totals, self._population, centred, alpha, threads)
+    def _drawn(self, seed: int) -> Sample:
+        mean = self._population.mean
+        return Sample(
+            self._states, self._leverage, self._centre, mean, seed=seed, target=self._target
+        )
+
+    def _asked(
+        self, queries: NDArray[np.float32], alpha: float, seed: int, threads: int | None
+    ) -> _Asked:
+        totals = self.prepare()
+        with self._lock:
+            sample = self._samples(seed)
+        centred, alpha = queries - self._centre, min(alpha, SHARPEST)
+        return _Asked(sample, totals, self._population, centred, alpha, threads)
 
     def _exactly(self, queries: NDArray[np.float32], alpha: float, threads: int | None) -> Estimate:
         sums = self._exact().sums(queries, alpha=alpha, threads=threads)
@@ -152,7 +169,7 @@ class _Asked:
         alpha: float,
         threads: int | None,
     ) -> None:
-        self._sample, self._population, self._queries = sample, population, queries
+        self.sample, self._population, self._queries = sample, population, queries
         self._alpha, self._threads = alpha, threads
         self._totals = totals(queries)
         self._distance = self._totals.plain / population.count
@@ -160,7 +177,7 @@ class _Asked:
 
     def upto(self, size: int, rows: NDArray[np.int64]) -> Estimate:
         """Let the sample grow to `size` for the queries `rows`, and answer them."""
-        grown = self._sample.moments(
+        grown = self.sample.moments(
             self._queries[rows],
             self._distance[rows],
             self._size,

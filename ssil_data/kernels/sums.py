@@ -36,6 +36,12 @@ class Sums:
         return self.denominator**2 / self.squares
 
     @classmethod
+    def none(cls, contributors: int) -> Sums:
+        """Return the sums of no queries."""
+        nearest = np.empty((0, contributors))
+        return cls(*np.empty((4, 0)), nearest=nearest.astype(np.int64), nearest_weight=nearest)
+
+    @classmethod
     def joined(cls, parts: Sequence[Sums]) -> Sums:
         """Return the sums of all queries of some parts, at least one, one part after the other."""
         names = [field.name for field in fields(cls)]

@@ -24,9 +24,9 @@ def world(width: int = 9) -> tuple[np.ndarray, np.ndarray, References, np.ndarra
     return states, leverage, References(states, leverage), made(1, 300, width)[0]
 
 
-def sampled(seed: int = 0, *, width: int = 9, **options) -> Sampled:
+def sampled(*, width: int = 9, **options) -> Sampled:
     states, leverage, references, _ = world(width)
-    return Sampled(states, leverage, lambda: references, seed=seed, **options)
+    return Sampled(states, leverage, lambda: references, **options)
 
 
 def exact(alpha: float, queries: np.ndarray | None = None) -> np.ndarray:
@@ -36,9 +36,9 @@ def exact(alpha: float, queries: np.ndarray | None = None) -> np.ndarray:
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0, 3.0, 12.0])
 def test_999_of_1000_answers_lie_within_their_half_width(alpha: float):
-    queries, known, missed = world()[3], exact(alpha), 0
+    queries, known, missed, source = world()[3], exact(alpha), 0, sampled()
     for seed in range(10):
-        found = sampled(seed).of_size(queries, alpha=alpha, size=16_384)
+        found = source.of_size(queries, alpha=alpha, size=16_384, seed=seed)
         assert found.trusted.all()
         missed += (np.abs(found.values - known) > found.half_width).sum()
     assert missed <= 15  # of 3,000, where 3 are expected
@@ -112,7 +112,7 @@ def assert_equal(one: Estimate, other: Estimate) -> None:
 def test_equal_seeds_give_equal_answers_and_others_do_not():
     queries = world()[3]
     one, same, other = (
-        sampled(seed).within(queries, alpha=1.0, tolerance=3e-3) for seed in (5, 5, 6)
+        sampled().within(queries, alpha=1.0, tolerance=3e-3, seed=seed) for seed in (5, 5, 6)
     )
     assert_equal(one, same)
     assert (one.values != other.values).any()
@@ -202,10 +202,8 @@ def test_a_mapped_file_is_read_in_parts(tmp_path):
     states, leverage, references, queries = world()
     np.save(tmp_path / "states.npy", states)
     mapped = np.load(tmp_path / "states.npy", mmap_mode="r")
-    found = Sampled(mapped, leverage, lambda: references, seed=3).within(
-        queries, alpha=1.0, tolerance=2e-3
-    )
-    assert_equal(found, sampled(3).within(queries, alpha=1.0, tolerance=2e-3))
+    found = Sampled(mapped, leverage, lambda: references).within(queries, alpha=1.0, tolerance=2e-3)
+    assert_equal(found, sampled().within(queries, alpha=1.0, tolerance=2e-3))
 
 
 def test_what_is_known_of_all_states_is_read_once(monkeypatch: pytest.MonkeyPatch):
