@@ -264,6 +264,11 @@ def test_what_cannot_be_driven_is_refused(settings: dict[str, Any], message: str
         RacetrackVectorEnv(**settings)
 
 
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[0 1\] must be reset first"):
+        RacetrackVectorEnv(2).step(np.zeros((2, 2), dtype=np.float32))
+
+
 def test_bad_actions_seeds_and_masks_are_refused() -> None:
     envs = RacetrackVectorEnv(3)
     envs.reset(seed=0)

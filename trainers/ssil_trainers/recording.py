@@ -11,6 +11,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.demonstrations import Episode
+
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 """From one state (d,) to one action (k,)."""
 
@@ -38,6 +40,33 @@ class Drive:
     def total(self) -> float:
         """The return: the sum of the rewards."""
         return float(np.sum(self.rewards, dtype=np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """So many pairs of a drive, from its `first` on; score is that of the whole drive."""
+
+    drive: Drive
+    pairs: int
+    score: float
+    tier: str
+    labeled: bool = False
+    first: int = 0
+
+    def episode(self) -> Episode:
+        """Return it as a demonstration."""
+        kept = slice(self.first, self.first + self.pairs)
+        return Episode(
+            states=self.drive.states[kept],
+            actions=self.drive.actions[kept],
+            rewards=self.drive.rewards[kept],
+            positions=self.drive.positions[kept],
+            labeled=self.labeled,
+            source=self.drive.driver,
+            score=self.score,
+            tier=self.tier,
+            ending=self.drive.ending if kept.stop == len(self.drive) else "cut",
+        )
 
 
 def record(

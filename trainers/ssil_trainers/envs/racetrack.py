@@ -26,7 +26,7 @@ from ssil_trainers.envs.racetrack_state import (
     underlying_reward,
 )
 from ssil_trainers.envs.road import Road
-from ssil_trainers.envs.starts import START_SPEEDS, Start, told
+from ssil_trainers.envs.starts import START_SPEEDS, Start
 
 __all__ = [
     "ACTION_NAMES",
@@ -120,7 +120,7 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises InvalidInputError for a start that is not on the road.
         """
         super().reset(seed=seed)
-        start = told(options)
+        start = (options or {}).get("start")
         if start is not None:
             start.on(self._road)
         self._simulator.reset(seed=seed)

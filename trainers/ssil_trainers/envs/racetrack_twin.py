@@ -30,7 +30,7 @@ from ssil_trainers.envs.racetrack_state import (
     Car,
 )
 from ssil_trainers.envs.road import Road
-from ssil_trainers.envs.starts import Start, told
+from ssil_trainers.envs.starts import Start
 
 Info = dict[str, Any]
 Stepped = tuple[
@@ -84,7 +84,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self._rewards = np.zeros(num_envs)
         self._off_road = np.zeros(num_envs, dtype=np.bool_)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
-        self._steps = np.zeros(num_envs, dtype=np.int64)
+        self._steps = np.full(num_envs, -1, dtype=np.int64)  # -1: never reset
 
     @property
     def road(self) -> Road:
@@ -127,12 +127,12 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         for car in which:
             if seeds[car] is not None:
                 self._generators[car], self._seeds[car] = seeding.np_random(seeds[car])
-        starts = told(options)
-        if starts is not None and len(starts) != self.num_envs:
+        told = (options or {}).get("start")
+        if told is not None and len(told) != self.num_envs:
             raise InvalidInputError(
-                f"start: expected one for each of {self.num_envs} cars, found {len(starts)}"
+                f"start: expected one for each of {self.num_envs} cars, found {len(told)}"
             )
-        self._place(which, starts)
+        self._place(which, self._drawn(which) if told is None else [told[car] for car in which])
         return self._states.astype(np.float32), self._told(restarted=which, moved=which[:0])
 
     def step(self, actions: NDArray[np.float32]) -> Stepped:
@@ -144,6 +144,8 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         mode = self.metadata["autoreset_mode"]
         if mode == AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(f"cars {np.flatnonzero(self._ended)} must be reset")
+        if self._steps.min() < 0:
+            raise ResetNeeded(f"cars {np.flatnonzero(self._steps < 0)} must be reset first")
         moving = ~self._ended
         restarted, moved = np.flatnonzero(self._ended), np.flatnonzero(moving)
         self._cars.act(chosen, self._motion)
@@ -154,13 +156,13 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self._steps += moving
         truncated = (self._steps >= self._episode_steps) & moving
         self._ended = terminated | truncated
-        self._place(restarted)
+        self._place(restarted, self._drawn(restarted))
         final: Info = {}
         if mode == AutoresetMode.SAME_STEP and self._ended.any():
             restarted = np.flatnonzero(self._ended)
             final = self._final(restarted, rewards)
             moved = np.flatnonzero(~self._ended)
-            self._place(restarted)
+            self._place(restarted, self._drawn(restarted))
         info = self._told(restarted=restarted, moved=moved, rewards=rewards)
         return self._states.astype(np.float32), rewards, terminated, truncated, {**final, **info}
 
@@ -171,19 +173,19 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         seen = self._states, self._rewards, self._off_road
         kernels.see(self._cars, which, angles, lanes, edges, SIGHT, self._motion, *seen)
 
-    def _place(self, which: NDArray[np.int64], starts: Sequence[Start] | None = None) -> None:
-        """Start some cars anew, where they are told or where their generators say."""
+    def _drawn(self, which: NDArray[np.int64]) -> list[Start]:
+        """Draw starts of some cars from their own generators."""
+        return [Start.draw(self._road, self._generator(car)) for car in which]
+
+    def _place(self, which: NDArray[np.int64], starts: Sequence[Start]) -> None:
+        """Put some cars at their starts."""
         if not len(which):
             return
-        for car in which:
-            self._starts[car] = (
-                Start.draw(self._road, self._generator(car))
-                if starts is None
-                else starts[car].on(self._road)
-            )
-        places = [(s.lane, s.longitudinal, s.speed) for s in (self._starts[car] for car in which)]
+        places = [(s.lane, s.longitudinal, s.speed) for s in (s.on(self._road) for s in starts)]
         kernels.place(self._cars, which, np.array(places, dtype=np.float64), self._road.lanes)
         self._see(which)
+        for car, start in zip(which, starts, strict=True):
+            self._starts[car] = start
         self._steps[which], self._ended[which] = 0, False
 
     def _generator(self, car: int) -> np.random.Generator:

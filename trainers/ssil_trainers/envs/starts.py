@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -45,8 +43,3 @@ class Start:
                 f"start: expected a speed from {slowest:g} to {fastest:g} m/s, found {self}"
             )
         return self
-
-
-def told(options: Mapping[str, Any] | None) -> Any:
-    """Return what the options of a reset say of the start, or None."""
-    return (options or {}).get("start")

@@ -1,0 +1,67 @@
+"""Which straight pieces cross each other, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BLOCK = 256
+
+
+def crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the pairs (m, 2) of rows of pieces (n, 4) that meet, the lower row first, in order.
+
+    A piece is x, y of its start and of its end. Two that share an end are no crossing, unless
+    they run back over each other; a piece without length meets nothing.
+    """
+    low = np.minimum(pieces[:, :2], pieces[:, 2:])
+    high = np.maximum(pieces[:, :2], pieces[:, 2:])
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for begin in range(0, len(pieces), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        near = (low[block, None] <= high[None, begin:]) & (low[None, begin:] <= high[block, None])
+        one, two = np.nonzero(near[..., 0] & near[..., 1])
+        pairs = np.stack([one, two], axis=1)[one < two] + begin
+        found.append(pairs[_meets(pieces[pairs[:, 0]], pieces[pairs[:, 1]])])
+    return np.concatenate(found)
+
+
+def meeting_point(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where the lines through two pieces (4,) cross; the end of the first if parallel."""
+    start, along, other = one[:2], one[2:] - one[:2], two[2:] - two[:2]
+    across = along[0] * other[1] - along[1] * other[0]
+    if across == 0:
+        return one[2:]
+    away = two[:2] - start
+    return start + along * (away[0] * other[1] - away[1] * other[0]) / across
+
+
+def _meets(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which pieces have a point in common that is no shared end."""
+    a, b, c, d = one[..., :2], one[..., 2:], two[..., :2], two[..., 2:]
+    turns_c, turns_d = _turn(a, b, c), _turn(a, b, d)
+    turns_a, turns_b = _turn(c, d, a), _turn(c, d, b)
+    across = (turns_c * turns_d < 0) & (turns_a * turns_b < 0)
+    long = (a != b).any(axis=-1) & (c != d).any(axis=-1)
+    touching = long & (
+        ((turns_c == 0) & _strictly_between(a, b, c))
+        | ((turns_d == 0) & _strictly_between(a, b, d))
+        | ((turns_a == 0) & _strictly_between(c, d, a))
+        | ((turns_b == 0) & _strictly_between(c, d, b))
+    )
+    return across | touching
+
+
+def _turn(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return twice the signed area of the triangle a, b, c: positive where c is left of a → b."""
+    first, second = b - a, c - a
+    return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+
+
+def _strictly_between(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell whether c, which is on the line through a and b, lies between them."""
+    return np.sum((c - a) * (c - b), axis=-1) < 0

@@ -1,0 +1,114 @@
+"""The card of an RC dataset: how it was made and what was measured, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+import numpy as np
+
+from ssil_trainers.envs.tracks import TEST_TRACKS, TRAINING_TRACK
+from ssil_trainers.rc_demonstrations import RC_BANDS, RCCollected, RCSettings
+from ssil_trainers.recording import Taken
+from ssil_trainers.tiers import EXPERT
+
+_LIBRARIES = ("numba", "gymnasium", "stable-baselines3", "torch", "numpy")
+
+
+def rc_card(name: str, collected: RCCollected, *, command: str) -> str:
+    """Return the card; command is the line that makes the dataset again."""
+    settings, car = collected.settings, collected.car
+    libraries = ", ".join(f"{library} {version(library)}" for library in _LIBRARIES)
+    return f"""# {name}
+
+Demonstrations of an RC car with a LiDAR after the protocol of the SSIL paper (Lee et al.): expert
+laps and drives by under-trained policies of {len(RC_BANDS)} qualities, in simulation.
+
+- Made by `{command}`
+  with {libraries}.
+  Same seed, same versions, same kind of machine: same data.
+- {settings.laps} expert laps of {settings.lap_steps} pairs, the first half of them labeled, and
+  {settings.negatives:,} unlabeled negative pairs, a quarter from each quality, collisions included.
+- Collected on the track `{settings.track}`. Policies are trained on another one,
+  `{TRAINING_TRACK}`, and tested on {", ".join(f"`{track}`" for track in TEST_TRACKS)}.
+- Licence: Apache-2.0; simulated by this project, nothing recorded from others.
+
+## Tiers, measured
+
+A score is the number of steps that a whole episode survives over the expert's
+{collected.expert_return:.0f}.
+
+{_tiers(collected)}
+
+`score`, `tier` and `reward` are for evaluation only: no estimator and no trainer reads them.
+
+## State
+
+| numbers | what | unit |
+|---|---|---|
+| 19 | ranges of beams from −90° (right) to 90° (left), at most {car.reach:g} m | {car.reach:g} m |
+| 1 | previous steering, 0 at the start | as the action |
+
+Action: steering in [−1, 1], left positive, ±{car.steering_degrees:g}° of the wheels. `position` is
+x, y of the rear axle in metres before the action; `reward` is 1 after an action that is survived.
+
+## How it was made
+
+- Simulator: `RCLidar-v0`, a kinematic bicycle at {car.speed:g} m/s, {car.hz:g} decisions a second,
+  wheels with a lag of {car.steering_lag:g} s, LiDAR noise of {car.noise:.0%} of the range. An
+  episode starts anywhere on the lap, up to {100 * car.start_aside:.0f} cm off the centre line and
+  {car.start_askew_degrees:g}° askew; it ends when the car's rectangle touches a wall and is cut
+  off after {settings.lap_steps} steps, one lap.
+- Expert: pure pursuit of the centre line {settings.ahead:g} m ahead. It steers by its pose, which
+  is not in the state: a person who knows the track.
+- Negatives: {settings.runs} runs of stable-baselines3's PPO on the reward, {_run(settings)}.
+- Actions: every driver acts by the mean of its policy plus normal noise of deviation
+  {settings.tremble:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
+- A checkpoint stands for a quality if its mean score over {settings.measure} episodes and half of
+  those episodes (or as many as the best such checkpoint has) lie in the band; at most
+  {settings.policies} stand for one, spread evenly over the mean scores found. They drive in turns,
+  and an episode is kept if its own score lies in the band; of one at
+  most {settings.segment} pairs are kept, the last, which lead to the wall.
+
+## Drivers
+
+{_drivers(collected)}
+"""
+
+
+def _tiers(collected: RCCollected) -> str:
+    rows = ["| tier | labeled | episodes | pairs | collisions | score: mean | min | max |"]
+    rows.append("|---|---|---|---|---|---|---|---|")
+    groups = [(EXPERT, True), (EXPERT, False), *((band.tier, False) for band in RC_BANDS)]
+    for tier, labeled in groups:
+        taken = [t for t in collected.taken if (t.tier, t.labeled) == (tier, labeled)]
+        rows.append(f"| {tier} | {'yes' if labeled else 'no'} | {_measured(taken)} |")
+    rows.append("\ncollisions: episodes that are kept to their end at a wall.")
+    return "\n".join(rows)
+
+
+def _measured(taken: Sequence[Taken]) -> str:
+    scores = [t.score for t in taken]
+    collisions = sum(t.episode().ending == "terminated" for t in taken)
+    return (
+        f"{len(taken)} | {sum(t.pairs for t in taken):,} | {collisions} | "
+        f"{np.mean(scores):.3f} | {min(scores):.3f} | {max(scores):.3f}"
+    )
+
+
+def _run(settings: RCSettings) -> str:
+    ppo = settings.under_trained
+    return (
+        f"{ppo.steps:,} steps each,\n  learning rate {ppo.learning_rate:g}, "
+        f"a checkpoint every {ppo.keep_every * ppo.rollout * ppo.environments:,}"
+    )
+
+
+def _drivers(collected: RCCollected) -> str:
+    rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
+    for tier in (EXPERT, *(band.tier for band in RC_BANDS)):
+        of_tier = [t for t in collected.taken if t.tier == tier]
+        for driver in dict.fromkeys(t.drive.driver for t in of_tier):
+            taken = [t for t in of_tier if t.drive.driver == driver]
+            rows.append(f"| {tier} | {driver} | {len(taken)} | {sum(t.pairs for t in taken):,} |")
+    return "\n".join(rows)
