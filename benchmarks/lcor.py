@@ -4,7 +4,7 @@ Medians of interleaved rounds, nanoseconds of processor time (what one thread ta
 its own) per pair of a query and a demonstration state. The floor is one maximum and one addition
 per dimension with everything in registers. Peers use one thread and answer 64 queries at a time.
 Two threads are compared with one by the clock on the wall. States are standard normal, leverages
-uniform.
+uniform. Stores of a million and more are also asked to a tolerance: `parts/large_store.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 
 import llvmlite.binding as llvm
 import numpy as np
+from parts.large_store import large_store
 from rivals.floor import Floor
 from rivals.peers import installed, torch_cdist
 
@@ -181,6 +182,7 @@ def main() -> None:
     sides, asked = (Moments.of(states[:10_000]), Moments.of(states[10_000:])), made(2048, 29, 1)
     seconds = interleaved({"cor": lambda: cor(asked, *sides, 1.0)})["cor"]
     print(f"\nCoR in batches of 2,048: {seconds / 2048 * 1e6:.3f} µs a query")
+    large_store()
 
 
 if __name__ == "__main__":
