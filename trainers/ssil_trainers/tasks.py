@@ -31,12 +31,17 @@ def single(name: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, A
 
 
 def side_by_side(name: str, count: int) -> VectorEnv[Any, Any, Any]:
-    """Make `count` environments that are stepped together: their vectorised twin if there is one.
+    """Make `count` environments that are stepped together; raises NotFoundError.
 
-    An ended episode starts anew in the same step. Raises NotFoundError.
+    The project's own tasks have a vectorised twin, any other is stepped one by one. An ended
+    episode starts anew in the same step.
     """
-    spec = spec_of(name)
-    if spec.vector_entry_point is not None:
-        return gymnasium.make_vec(spec, num_envs=count)
-    modes: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    return gymnasium.make_vec(spec, num_envs=count, vectorization_mode="sync", vector_kwargs=modes)
+    spec, mode = spec_of(name), AutoresetMode.SAME_STEP
+    if spec.id in TASKS.values():
+        return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)
+    return gymnasium.make_vec(
+        spec,
+        num_envs=count,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": mode},
+    )
