@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from highway_env.road.lane import SineLane
 from highway_env.road.road import RoadNetwork
 from ssil_trainers.envs.racetrack import HIGHWAY_IDS, RacetrackEnv, Track
-from ssil_trainers.envs.racetrack_state import RAY_DEGREES
+from ssil_trainers.envs.racetrack_state import RAY_DEGREES, SIGHT
+from ssil_trainers.envs.road import Road
+
+from ssil_data.errors import InvalidInputError
 
 REACH = 60.0
 STEP = 0.5
@@ -53,6 +59,42 @@ def test_rays_end_where_marching_leaves_the_road(track: Track) -> None:
     assert np.mean(np.array(differences) < 0.02) > 0.95
 
 
+def slow_ray(road: Road, x: float, y: float, cos: float, sin: float) -> float:
+    """One ray against one piece of the edge after the other, in Python's own numbers."""
+    nearest = REACH
+    for start_x, start_y, end_x, end_y in road.edges.segments.tolist():
+        to_x, to_y, along_x, along_y = start_x - x, start_y - y, end_x - start_x, end_y - start_y
+        across = cos * along_y - sin * along_x
+        if across and -1e-9 <= (to_x * sin - to_y * cos) / across <= 1 + 1e-9:
+            distance = (to_x * along_y - to_y * along_x) / across
+            nearest = min(nearest, distance) if distance >= 0 else nearest
+    for centre_x, centre_y, radius, middle_x, middle_y, opening in road.edges.arcs.tolist():
+        away_x, away_y = x - centre_x, y - centre_y
+        to_middle = -(cos * away_x + sin * away_y)
+        square = to_middle * to_middle - (away_x * away_x + away_y * away_y - radius * radius)
+        for half_chord in (-math.sqrt(square), math.sqrt(square)) if square >= 0 else ():
+            distance = to_middle + half_chord
+            seen_x, seen_y = away_x + distance * cos, away_y + distance * sin
+            if distance >= 0 and (seen_x * middle_x + seen_y * middle_y) / radius >= opening - 1e-9:
+                nearest = min(nearest, distance)
+    return nearest
+
+
+@pytest.mark.parametrize("track", HIGHWAY_IDS)
+def test_compiled_rays_are_the_slow_ones_to_the_last_bit(track: Track) -> None:
+    env, rng = RacetrackEnv(track), np.random.default_rng(4)
+    for seed in range(30):
+        env.reset(seed=seed)
+        car, aside = env.car, rng.normal(scale=2.0, size=3) * (seed % 2)
+        # From the very middle of a lane, every other time: such rays may just touch an edge.
+        x, y, angles = car.x + aside[0], car.y + aside[1], car.heading + aside[2] + SIGHT.rays
+        slow = [
+            slow_ray(env.road, x, y, cos, sin)
+            for cos, sin in zip(np.cos(angles).tolist(), np.sin(angles).tolist(), strict=True)
+        ]
+        np.testing.assert_array_equal(env.road.ray_distances(x, y, angles, REACH), slow)
+
+
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
 def test_no_ray_from_the_road_escapes(track: Track) -> None:
     env = RacetrackEnv(track)
@@ -91,6 +133,13 @@ def test_every_lane_continues_where_it_ends(track: Track) -> None:
         onward = lanes[road.lanes.following[row]]
         gap = np.linalg.norm(lane.position(lane.length, 0.0) - onward.position(0.0, 0.0))
         assert gap < 3.0
+
+
+def test_a_lane_that_is_neither_straight_nor_circular_is_refused() -> None:
+    network = RacetrackEnv()._simulator.road.network
+    network.graph["a"]["b"][1] = SineLane([42, 5], [100, 5], amplitude=1, pulsation=1, phase=0)
+    with pytest.raises(InvalidInputError, match=r"\('a', 'b', 1\): .* found SineLane"):
+        Road.of(network)
 
 
 def test_curvature_ahead_walks_round_the_lap() -> None:
