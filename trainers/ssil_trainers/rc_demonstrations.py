@@ -80,7 +80,7 @@ class RCSettings:
     segment: int = 75
     ahead: float = 1.4
     tremble: float = 0.05
-    runs: int = 6
+    runs: int = 12
     policies: int = 8
     measure: int = 8
     under_trained_steps: int = 8_192
