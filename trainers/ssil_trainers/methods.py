@@ -95,12 +95,13 @@ def lcor(of: Demonstrations, seed: int) -> Shaping:
 
 def lcor_shuffled(of: Demonstrations, seed: int) -> Shaping:
     """Pay LCoR of the same leverage values, each given to another pair at random."""
-    if not isinstance(of.field, LeverageField):
-        raise InvalidInputError(
-            "shuffled leverage: expected --run of a store at hand, since a service shuffles none"
-        )
-    mixed = np.random.default_rng([seed, 4]).permutation(of.field.leverage)
-    return leverage_constraint_reward(replace(of.field, leverage=mixed))
+    if of.field is None or of.leverage is None:
+        raise _NEEDS_RUN
+    mixed = np.random.default_rng([seed, 4]).permutation(of.leverage)
+    alpha = of.field.alpha
+    return leverage_constraint_reward(
+        LeverageField(of.states, mixed, of.labeled, of.standardiser, alpha)
+    )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,23 +62,20 @@ class _Figures:
 
 
 @contextmanager
-def events(folder: Path | None, seen: Seen) -> Iterator[Seen]:
-    """Also write every figure as a TensorBoard event into the folder, if there is one."""
-    if folder is None:
-        yield seen
-        return
-    writer = _writer(folder)
+def events(folder: Path, seen: Seen) -> Iterator[Seen]:
+    """Also write every figure as a TensorBoard event into the folder, which the first one makes."""
+    with ExitStack() as at_the_end:
+        opened: list[SummaryWriter] = []
 
-    def both(moment: Moment) -> None:
-        seen(moment)
-        for name, value in moment.row().items():
-            if value is not None and name not in ("steps", "number"):
-                writer.add_scalar(name, value, moment.steps)
+        def both(moment: Moment) -> None:
+            seen(moment)
+            if not opened:
+                opened.append(at_the_end.enter_context(closing(_writer(folder))))
+            for name, value in moment.row().items():
+                if value is not None and name not in ("steps", "number"):
+                    opened[0].add_scalar(name, value, moment.steps)
 
-    try:
         yield both
-    finally:
-        writer.close()
 
 
 def _writer(folder: Path) -> SummaryWriter:

@@ -24,6 +24,11 @@ class Answer(Protocol):
 class Field(Protocol):
     """A leverage field, in this process or behind a service."""
 
+    @property
+    def alpha(self) -> float:
+        """The kernel's sharpness."""
+        ...
+
     def lcor(self, states: ArrayLike, /) -> Answer:
         """Return LCoR (equation 5) of states (n, d)."""
         ...

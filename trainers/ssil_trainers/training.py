@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
 
-from ssil_data.errors import ConflictError
+from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_trainers import tensors
 from ssil_trainers.adversarial import Iteration, Learner
 from ssil_trainers.methods import METHODS, Demonstrations
@@ -112,6 +112,7 @@ class _Run:
         of, standardiser = job.demonstrations, job.demonstrations.standardiser
         self.examiners = job.worlds(self.settings.evaluations)
         driver = Driver(job.worlds(self.settings.environments))
+        _refuse_unfit(of, driver)
         experts = method.imitated(of, driver.box, standardiser)
         shaping = method.shaped(of, self.settings)
         self.learner = Learner(self.settings, driver, experts, shaping, standardiser)
@@ -191,6 +192,16 @@ class _Run:
             policy.save(self.job.folder / POLICY)
             (self.job.folder / CURVE).write_text(_csv(self.curve))
         return policy
+
+
+def _refuse_unfit(of: Demonstrations, driver: Driver) -> None:
+    found = of.states.shape[1], of.actions.shape[1]
+    expected = driver.width, len(driver.box.low)
+    if found != expected:
+        raise InvalidInputError(
+            f"demonstrations: expected the state and action widths {expected} of the environment, "
+            f"found {found}"
+        )
 
 
 def _moment(row: Mapping[str, Any]) -> Moment:

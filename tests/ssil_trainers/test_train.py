@@ -1,0 +1,207 @@
+"""The commands train and evaluate, fewer labels, and what a run shows, on Pendulum."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
+from ssil_trainers.evaluate import drive as drive_by
+from ssil_trainers.labels import expert_return, scored_like, with_labels
+from ssil_trainers.policy import Policy
+from ssil_trainers.screen import events
+from ssil_trainers.tasks import TASKS, side_by_side, single, spec_of
+from ssil_trainers.training import Evaluation, Moment
+
+from ssil_data.cli import main
+from ssil_data.dataset import Dataset
+from ssil_data.demonstrations import Episode
+from ssil_data.errors import NotFoundError
+from ssil_data.scoring import score
+from ssil_data.store import Store
+
+SHORT = ["--steps", "96", "--environments", "2", "--horizon", "16", "--hidden", "8"]
+SHORT += ["--boundary", "2", "--evaluations", "1", "--cloning-steps", "5"]
+
+
+@pytest.fixture
+def pendulum(store: Store, monkeypatch: pytest.MonkeyPatch) -> Dataset:
+    """Made-up swings: what is learned from them does not matter here."""
+    rng = np.random.default_rng(0)
+    episodes = [
+        Episode(
+            rng.normal(size=(40, 3)).astype(np.float32),
+            rng.uniform(-2, 2, (40, 1)).astype(np.float32),
+            labeled=number < 2,
+        )
+        for number in range(5)
+    ]
+    monkeypatch.setenv("SSIL_STORE", store.folder.uri)
+    return store.create(
+        "swings", episodes, state_names=["cos", "sin", "speed"], action_names=["torque"]
+    )
+
+
+def run(*words: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([str(word) for word in words])
+    return int(left.value.code or 0)
+
+
+def test_train_then_evaluate_from_the_command_line(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ssil_data.estimators import VAE
+
+    score(pendulum, VAE(steps=20), run="vae")
+    train = ["train", "ssil", "--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae"]
+    assert run(*train, *SHORT, "-o", tmp_path / "out", "--json") == 0
+    shown = capsys.readouterr()
+    result = json.loads(shown.out)
+    assert result["steps"] == 96
+    assert "η" in shown.err and "steps/s" in shown.err
+    names = {path.name.split(".")[0] for path in (tmp_path / "out").iterdir()}
+    assert names == {"checkpoint", "curve", "events", "policy"}
+
+    assert run(*train, *SHORT, "-o", tmp_path / "out") == 2
+    assert "--resume goes on" in capsys.readouterr().err
+    policy = tmp_path / "out" / "policy.safetensors"
+    before = policy.read_bytes()
+    assert run(*train, *SHORT, "-o", tmp_path / "out", "--resume") == 0
+    assert policy.read_bytes() == before
+
+    capsys.readouterr()
+    assert run("evaluate", policy, "--episodes", 2, "--seed", 3, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["env"] == "Pendulum-v1" and told["score"] is None
+    assert len(told["returns"]) == 2 and told["return"] == np.mean(told["returns"])
+    env = single("Pendulum-v1")
+    assert told["returns"][1] == drive_by(Policy.load(policy), env, seed=4)[0]
+
+
+def test_a_film_has_a_frame_for_every_step(
+    pendulum: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imageio = pytest.importorskip("imageio.v2")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pytest.importorskip("pygame")
+    train = ["train", "clone", "--env", "Pendulum-v1", "--dataset", "swings"]
+    assert run(*train, *SHORT, "-o", tmp_path) == 0
+    film = tmp_path / "films" / "one.mp4"
+    assert run("evaluate", tmp_path / "policy.safetensors", "--episodes", 1, "--video", film) == 0
+    with imageio.get_reader(film) as frames:
+        assert frames.count_frames() == 200
+        assert np.ptp(frames.get_data(10)) > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["ssil", "--dataset", "swings"], "ssil: expected --run"),
+        (["gail", "--dataset", "swings", "--labels", "100"], "labels: expected 2 to 80"),
+        (["gail", "--dataset", "none"], "found 'none'"),
+        (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused_before_anything_is_written(
+    pendulum: Dataset,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    message: str,
+) -> None:
+    out = tmp_path / "out"
+    assert run("train", *words, "--env", "Pendulum-v1", *SHORT[:2], "-o", out) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_policy_for_other_states_is_refused(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    train = ["train", "clone", "--env", "Pendulum-v1", "--dataset", "swings"]
+    assert run(*train, *SHORT, "-o", tmp_path) == 0
+    policy = tmp_path / "policy.safetensors"
+    assert run("evaluate", policy, "--env", "MountainCarContinuous-v0") == 2
+    assert "shapes ((2,), (1,)) of the environment, found ((3,), (1,))" in capsys.readouterr().err
+
+
+def test_demonstrations_of_another_width_are_refused(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = ["--store", dataset.folder.uri.rsplit("/", 1)[0]]
+    words = ["train", "gail", "--env", "Pendulum-v1", "--dataset", "drives", *place]
+    assert run(*words, *SHORT, "-o", tmp_path / "out") == 2
+    told = capsys.readouterr().err
+    assert "widths (3, 1) of the environment, found (3, 2)" in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_environments_are_refused_by_name() -> None:
+    with pytest.raises(NotFoundError, match=r"racetrack.*found 'racetrakc'"):
+        spec_of("racetrakc")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_projects_tasks_can_be_driven_alone_and_side_by_side(task: str) -> None:
+    envs, env = side_by_side(task, 2), single(task)
+    assert envs.single_observation_space == env.observation_space
+    assert envs.single_action_space == env.action_space
+    assert envs.metadata["autoreset_mode"].value == "SameStep"
+
+
+def test_fewer_labels_are_the_first_and_the_unlabeled_stay(store: Store, dataset: Dataset) -> None:
+    fewer = with_labels(store, "drives", 80)
+    before, after = dataset.pairs(), fewer.pairs()
+    labeled = fewer.per_pair("labeled").astype(bool)
+    assert labeled.sum() == 80
+    np.testing.assert_array_equal(after.states[labeled], before.states[:80])
+    np.testing.assert_array_equal(after.states[~labeled], before.states[120:])
+    np.testing.assert_array_equal(after.actions[~labeled], before.actions[120:])
+    assert fewer.episodes["length"].to_pylist()[:3] == [60, 20, 50]
+    assert fewer.episodes["score"].to_pylist()[2:] == dataset.episodes["score"].to_pylist()[2:]
+    assert with_labels(store, "drives", 80).version == fewer.version
+    assert with_labels(store, "drives", 60).episodes["length"].to_pylist()[:2] == [60, 50]
+    assert with_labels(store, "drives", 120).name == "drives"
+
+
+def test_a_run_on_fewer_labels_is_made_as_the_one_on_all(store: Store, dataset: Dataset) -> None:
+    from ssil_data.estimators import VAE
+    from ssil_data.leverage import MinMax
+
+    score(dataset, VAE(steps=20), scale=MinMax(), labeled_is_one=True, seed=3, run="vae")
+    fewer = with_labels(store, "drives", 80)
+    for _ in range(2):
+        scored_like(fewer, dataset, "vae", lambda what, done, of: None)
+    one, other = dataset.runs["vae"], fewer.runs["vae"]
+    assert (one.estimator, one.scale, one.seed) == (other.estimator, other.scale, other.seed)
+    assert other.labeled_is_one and other.labeled == 80
+
+
+def test_the_experts_return_is_what_a_score_of_one_is(store: Store) -> None:
+    def episode(score: float | None, ending: str, total: float) -> Episode:
+        plain = drive(1, 10, score=score, ending=ending)
+        return replace(plain, rewards=np.full(10, total / 10, np.float32))
+
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    whole = [episode(0.5, "terminated", 10.0), episode(1.1, "truncated", 22.0)]
+    made = store.create("whole", [*whole, episode(0.9, "cut", 3.0)], **names)
+    assert expert_return(made) == pytest.approx(20)
+    assert expert_return(store.create("cut", [episode(0.9, "cut", 3.0)], **names)) is None
+    assert expert_return(store.create("bare", drives(), **names)) is None
+
+
+def test_every_figure_of_a_run_is_a_tensorboard_event(tmp_path: Path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    seen: list[Moment] = []
+    with events(tmp_path, seen.append) as both:
+        both(Moment(0, None, Evaluation(mean=-3.0, least=-4.0, length=20.0, score=0.5)))
+    assert len(seen) == 1
+    read = EventAccumulator(str(tmp_path))
+    read.Reload()
+    assert set(read.Tags()["scalars"]) == {"return_mean", "return_least", "return_length", "score"}
+    assert read.Scalars("score")[0].value == 0.5
