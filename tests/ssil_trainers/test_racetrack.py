@@ -63,6 +63,7 @@ def test_a_careful_driver_goes_round_every_track_and_sees_only_the_observation_s
     assert all(env.observation_space.contains(state) for state in states)
 
 
+@pytest.mark.slow
 def test_ppo_learns_it_out_of_the_box() -> None:
     learner = PPO("MlpPolicy", make_vec_env("SSILRacetrack-v0", 8, seed=0), n_steps=256, seed=0)
     test = make_vec_env("SSILRacetrack-v0", 1, seed=100)
