@@ -19,7 +19,7 @@ from ssil_trainers.training import Evaluation, Moment
 from ssil_data.cli import main
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
-from ssil_data.errors import NotFoundError
+from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_data.scoring import score
 from ssil_data.store import Store
 
@@ -143,6 +143,17 @@ def test_demonstrations_of_another_width_are_refused(
 def test_unknown_environments_are_refused_by_name() -> None:
     with pytest.raises(NotFoundError, match=r"racetrack.*found 'racetrakc'"):
         spec_of("racetrakc")
+
+
+def test_a_task_takes_the_environments_settings() -> None:
+    assert spec_of("racetrack?policy_hz=5&track=oval").kwargs == {"policy_hz": 5, "track": "oval"}
+    assert spec_of("racetrack").kwargs == {}
+    assert spec_of("Pendulum-v1?g=9.81").kwargs == {"g": 9.81}
+    for task, message in (("racetrack?fast", "key=value"), ("racetrack?wings=2", "wings")):
+        with pytest.raises(InvalidInputError, match=message):
+            side_by_side(task, 1)
+    with pytest.raises(InvalidInputError, match="wings"):
+        single("Pendulum-v1?wings=2")
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -1,47 +1,73 @@
-"""Which environment a name means, and how to make one of it, or many side by side."""
+"""Which environment a text means, and how to make one of it, or many side by side."""
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
+from urllib.parse import parse_qsl
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 import ssil_trainers.envs  # noqa: F401  registers the ids
-from ssil_data.errors import NotFoundError
+from ssil_data.errors import InvalidInputError, NotFoundError
 
 TASKS = {"racetrack": "SSILRacetrack-v0", "rc-lidar": "RCLidar-v0"}
 """Short names; any other registered gymnasium id is meant as it stands."""
 
 
-def spec_of(name: str) -> EnvSpec:
-    """Look a task up; raises NotFoundError."""
+def spec_of(task: str) -> EnvSpec:
+    """Look up a task such as `racetrack` or, with settings, `racetrack?policy_hz=5&track=large`.
+
+    Raises NotFoundError for an unknown name, InvalidInputError for settings of another form.
+    """
+    name, _, query = task.partition("?")
     try:
-        return gymnasium.spec(TASKS.get(name, name))
+        spec = deepcopy(gymnasium.spec(TASKS.get(name, name)))
+        settings = parse_qsl(query, strict_parsing=bool(query))
     except gymnasium.error.Error as error:
         raise NotFoundError(
             f"environment: expected {' or '.join(TASKS)} or a gymnasium id, found {name!r}: {error}"
         ) from None
+    except ValueError:
+        raise InvalidInputError(f"{name}: expected key=value&key=value, found {query!r}") from None
+    spec.kwargs = {**spec.kwargs, **{key: _number(value) for key, value in settings}}
+    return spec
 
 
-def single(name: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
-    """Make one environment, the real one; raises NotFoundError."""
-    return gymnasium.make(spec_of(name), render_mode=render_mode)
+def single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+    """Make one environment, the real one; errors as in `spec_of`."""
+    try:
+        return gymnasium.make(spec_of(task), render_mode=render_mode)
+    except TypeError as error:
+        raise InvalidInputError(f"{task}: expected the environment's settings: {error}") from None
 
 
-def side_by_side(name: str, count: int) -> VectorEnv[Any, Any, Any]:
-    """Make `count` environments that are stepped together; raises NotFoundError.
+def side_by_side(task: str, count: int) -> VectorEnv[Any, Any, Any]:
+    """Make `count` environments that are stepped together; errors as in `spec_of`.
 
     The project's own tasks have a vectorised twin, any other is stepped one by one. An ended
     episode starts anew in the same step.
     """
-    spec, mode = spec_of(name), AutoresetMode.SAME_STEP
-    if spec.id in TASKS.values():
-        return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)
-    return gymnasium.make_vec(
-        spec,
-        num_envs=count,
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-    )
+    spec, mode = spec_of(task), AutoresetMode.SAME_STEP
+    try:
+        if spec.id in TASKS.values():
+            return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)
+        return gymnasium.make_vec(
+            spec,
+            num_envs=count,
+            vectorization_mode="sync",
+            vector_kwargs={"autoreset_mode": mode},
+        )
+    except TypeError as error:
+        raise InvalidInputError(f"{task}: expected the environment's settings: {error}") from None
+
+
+def _number(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
