@@ -12,7 +12,6 @@ from fastapi import Depends, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
-from starlette.routing import Match
 
 from ssil_data.errors import SsilDataError
 from ssil_data.store import Store
@@ -24,7 +23,7 @@ from ssil_service.gate import Gate
 from ssil_service.jobs import Board
 from ssil_service.keys import Keys, may_read, may_write
 from ssil_service.metrics import Metrics
-from ssil_service.openapi import described
+from ssil_service.openapi import allowed, described
 from ssil_service.pool import Pool
 from ssil_service.problems import Problem, of_library, of_validation
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
@@ -50,9 +49,9 @@ def create_app(settings: Settings) -> Edge:
     app.state.settings, app.state.keys, app.state.metrics = settings, keys, metrics
     read = [Depends(may_read)] if keys else []
     write = [Depends(may_write)] if keys else []
-    app.include_router(health.open_router)
-    app.include_router(health.router, dependencies=read)
-    for each in (datasets, runs, queries, jobs, inference):
+    for each in (health, inference):
+        app.include_router(each.open_router)
+    for each in (health, datasets, runs, queries, jobs, inference):
         app.include_router(each.router, dependencies=read)
     for each in (uploads, runs, jobs):
         app.include_router(each.writing, dependencies=write)
@@ -88,7 +87,10 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     try:
         yield
     finally:
-        await asyncio.to_thread(context.close)
+        try:
+            await asyncio.to_thread(context.close)
+        except RuntimeError:  # the interpreter is ending, and starts no threads
+            context.close()
 
 
 async def _problem(request: Request, error: Any) -> Response:
@@ -107,20 +109,10 @@ async def _validation(request: Request, error: Any) -> Response:
 async def _http(request: Request, error: Any) -> Response:
     headers = dict(error.headers or {})
     if error.status_code == 405:
-        headers["Allow"] = ", ".join(_allowed(request))
+        headers["Allow"] = ", ".join(allowed(request.app, request.url.path))
     details = {404: "path: expected one that exists, found another", 405: "method: see Allow"}
     detail = details.get(error.status_code, "request: expected another form")
     return Problem(error.status_code, detail, headers=headers).response(request.url.path)
-
-
-def _allowed(request: Request) -> list[str]:
-    """Return the methods of all routes of a path; a framework's 405 tells those of one."""
-    methods: set[str] = set()
-    for route in request.app.routes:
-        match, _ = route.matches(request.scope)
-        if match is not Match.NONE:
-            methods |= getattr(route, "methods", None) or set()
-    return sorted(methods)
 
 
 _HANDLERS: dict[type[Exception], Any] = {

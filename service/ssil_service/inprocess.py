@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -41,6 +42,7 @@ class EmbeddedTransport(httpx.BaseTransport):
         except BaseException:
             self._stop()
             raise
+        atexit.register(self.close)
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
         """Answer a request; the body of the answer is read as the application sends it."""
@@ -53,6 +55,7 @@ class EmbeddedTransport(httpx.BaseTransport):
     def close(self) -> None:
         """End the application's lifespan and the thread."""
         if self._loop.is_running():
+            atexit.unregister(self.close)
             self._wait(self._lifespan.end())
             self._stop()
 
@@ -62,7 +65,6 @@ class EmbeddedTransport(httpx.BaseTransport):
     def _stop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        self._loop.run_until_complete(self._loop.shutdown_default_executor())
         self._loop.close()
 
 

@@ -46,7 +46,7 @@ async def states_body(request: Request, width: int) -> NDArray[np.float32]:
     if media_type(request) == JSON:
         body = await _of_json(request, StatesBody)
         return checked("states", ragged("states", body.states, width), width)
-    table = await _table(request, ["state"])
+    table = await _table(request, "state")
     return checked("state", column_matrix(table, "state", width), width)
 
 
@@ -58,13 +58,13 @@ async def pairs_body(request: Request, widths: tuple[int, int]) -> Pairs:
         actions = ragged("actions", body.actions, widths[1])
         place = {"episode": body.episode, "step": body.step}
     else:
-        table = await _table(request, ["state", "action"], ["episode", "step"])
+        table = await _table(request, "state", "action")
         states = column_matrix(table, "state", widths[0])
         actions = column_matrix(table, "action", widths[1])
         place = {n: _integers(table, n) if n in table.column_names else None for n in _PLACE}
     count = len(states)
     episode = np.zeros(count, np.int64) if place["episode"] is None else place["episode"]
-    step = _counted(np.asarray(episode)) if place["step"] is None else place["step"]
+    step = counted(np.asarray(episode)) if place["step"] is None else place["step"]
     return Pairs(
         states=checked("states", states, widths[0]),
         actions=checked("actions", actions, widths[1]),
@@ -74,6 +74,7 @@ async def pairs_body(request: Request, widths: tuple[int, int]) -> Pairs:
 
 
 _PLACE = ("episode", "step")
+_COLUMNS = ("state", "action", *_PLACE)
 
 
 def media_type(request: Request, offered: Sequence[str] = (JSON, ARROW, PARQUET)) -> str:
@@ -100,7 +101,7 @@ async def _of_json(request: Request, model: type[Model]) -> Model:
     return found
 
 
-async def _table(request: Request, needed: list[str], optional: Sequence[str] = ()) -> pa.Table:
+async def _table(request: Request, *needed: str) -> pa.Table:
     """Return an Arrow or Parquet body; a Parquet body is decoded in a process of its own."""
     body = await request.body()
     if media_type(request) == PARQUET:
@@ -108,11 +109,11 @@ async def _table(request: Request, needed: list[str], optional: Sequence[str] = 
     most = context(request).settings.query_rows
 
     def check(schema: pa.Schema) -> None:
-        for name in (*needed, *optional):
-            _check_field(schema, name, matrix=name in needed, needed=name in needed)
-        odd = [name for name in schema.names if name not in (*needed, *optional)]
+        for name in _COLUMNS:
+            _check_field(schema, name, matrix=name not in _PLACE, needed=name in needed)
+        odd = [name for name in schema.names if name not in _COLUMNS]
         if odd or len(set(schema.names)) != len(schema.names):
-            raise Problem(422, f"body: expected the columns {', '.join(needed)} once, found others")
+            raise Problem(422, f"body: expected columns of {', '.join(_COLUMNS)}, found others")
 
     return await off_loop(len(body), lambda: read_stream(body, most_rows=most, check=check))
 
@@ -207,8 +208,8 @@ def _integers(table: pa.Table, name: str) -> NDArray[np.int64]:
     return column.to_numpy()
 
 
-def _counted(episode: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the steps of rows that begin with their episode."""
+def counted(episode: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the steps (n,) of rows, each episode of which begins at 0."""
     rows = np.arange(len(episode))
     begins = np.flatnonzero(np.r_[True, episode[1:] != episode[:-1]]) if len(rows) else rows
     lengths = np.diff([*begins, len(rows)])

@@ -14,7 +14,7 @@ from ssil_data.errors import ConflictError, NotFoundError, SsilDataError
 from ssil_data.runs import Run
 from ssil_data.store import Store
 from ssil_service.pool import Pool, TaskError, Worker
-from ssil_service.problems import Problem, busy
+from ssil_service.problems import Problem, busy, of_library
 from ssil_service.state import KEPT, State
 
 ENDED = ("succeeded", "failed", "cancelled")
@@ -212,12 +212,18 @@ class Board:
         try:
             made = self.pool.run("make_run", arguments, report=report, started=started)
         except (SsilDataError, Problem) as error:
-            self._end(entry, error={"kind": type(error).__name__, "detail": str(error)})
+            self._end(entry, error={"kind": type(error).__name__, "detail": self._told(error)})
         except TaskError as error:
             told = {"kind": error.kind, "detail": error.detail}
             self._end(entry, error=_STOPPED if self._closing else told)
         else:
             self._finish(entry, state="succeeded", run=made["run"])
+
+    def _told(self, error: SsilDataError | Problem) -> str:
+        """Return an error's message without the places on the machine that it names."""
+        if isinstance(error, Problem):
+            return error.detail
+        return of_library(error, [Store(self.store).folder.uri]).detail
 
     def _end(self, entry: _Entry, *, error: Mapping[str, str]) -> None:
         """End a job that gave no answer: it may have made its run before it stopped."""

@@ -49,15 +49,16 @@ class Worker:
         watch.start()
         try:
             return self._answer({"task": task, "arguments": arguments}, report)
-        except (BrokenPipeError, ValueError):
-            raise self._died() from None
         finally:
             watch.cancel()
 
     def _answer(self, order: dict[str, Any], report: Report) -> Any:
         assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps(order).encode() + b"\n")
-        self._process.stdin.flush()
+        try:
+            self._process.stdin.write(json.dumps(order).encode() + b"\n")
+            self._process.stdin.flush()
+        except (BrokenPipeError, ValueError):  # killed before it began
+            raise self._died() from None
         for line in self._process.stdout:
             message = json.loads(line)
             if "progress" in message:

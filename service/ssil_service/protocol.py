@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from ssil_service.problems import PROBLEM, Problem
 
 
 def impatient(seconds: float) -> type[H11Protocol]:
@@ -26,6 +29,18 @@ def impatient(seconds: float) -> type[H11Protocol]:
                 self._forget()
             elif self._deadline is None:
                 self._wait()
+
+        def send_400_response(self, msg: str) -> None:
+            body = Problem(400, "request: expected HTTP/1.1, found bytes that are none").response()
+            headers = [(b"content-type", PROBLEM.encode()), (b"connection", b"close")]
+            events = (
+                h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+                h11.Data(data=bytes(body.body)),
+                h11.EndOfMessage(),
+            )
+            for event in events:
+                self.transport.write(self.conn.send(event) or b"")
+            self.transport.close()
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._forget()

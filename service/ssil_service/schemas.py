@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from ssil_data.estimators import ESTIMATORS
 from ssil_data.leverage import SCALES
@@ -15,10 +15,17 @@ NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
 _MOST = float(np.finfo(np.float32).max)
 _MOST_INTEGER = 2**63 - 1
 
+
+def _whole(value: Any) -> Any:
+    """Take 3.0 for the integer that it is to JSON."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_Whole = BeforeValidator(_whole)
 Name = Annotated[str, Field(pattern=NAME, examples=["racetrack"])]
 Number = Annotated[float, Field(strict=True, ge=-_MOST, le=_MOST, allow_inf_nan=False)]
-Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER)]
-Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER)]
+Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER), _Whole]
+Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER), _Whole]
 Row = Annotated[list[Number], Field(min_length=1)]
 
 
@@ -52,7 +59,7 @@ def _settings(kind: str, settings: type) -> type[BaseModel]:
         if isinstance(default, bool):
             described[field.name] = (Annotated[bool, Field(strict=True)], default)
         elif isinstance(default, int):
-            whole = Annotated[int, Field(strict=True, gt=0, le=10**6)]
+            whole = Annotated[int, Field(strict=True, gt=0, le=10**6), _Whole]
             described[field.name] = (whole, default)
         else:
             real = Annotated[float, Field(strict=True, allow_inf_nan=False, **_bounds(kind))]

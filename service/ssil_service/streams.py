@@ -17,7 +17,9 @@ _BATCHES = 4096
 _HEADER, _ROWS, _COMPRESSION = 2, 0, 3
 
 
-def read_stream(body: bytes, *, most_rows: int, check: Callable[[pa.Schema], None]) -> pa.Table:
+def read_stream(
+    body: bytes | pa.Buffer, *, most_rows: int, check: Callable[[pa.Schema], None]
+) -> pa.Table:
     """Return the table of an Arrow IPC stream; its buffers are the body's.
 
     `check` sees the schema before any row is read. Raises a Problem: 422 for what is no such

@@ -1,4 +1,7 @@
-"""What worker processes do: fit and score, decode Parquet, write what was uploaded."""
+"""What worker processes do: fit and score, decode Parquet, write what was uploaded.
+
+Each task imports what it needs: a body is decoded without waiting for torch.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,23 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ssil_data import leverage as scales
 from ssil_data.client.wire import PARQUET, encoded
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import from_json
-from ssil_data.scoring import Progress, rescore, score
-from ssil_data.store import Store
 from ssil_service.problems import Problem
 from ssil_service.streams import not_readable, read_stream
-from ssil_service.uploads import Upload
+
+Progress = Callable[[str, int, int], None]
 
 
 def make_run(
     *, store: str, dataset: str, version: str, body: Mapping[str, Any], report: Progress
 ) -> dict[str, Any]:
     """Make a run as the body of a job describes it, and return its record."""
+    from ssil_data import leverage as scales
+    from ssil_data.estimators import from_json
+    from ssil_data.scoring import rescore, score
+    from ssil_data.store import Store
+
     place = Store(store)
     scored = place[dataset].at(version)
     if "fitted" in body:
@@ -63,6 +68,9 @@ def upload(
     report: Progress,
 ) -> str:
     """Write an uploaded file as a new dataset, or a new version of one; return the version."""
+    from ssil_data.store import Store
+    from ssil_service.uploads import Upload
+
     report("read", 0, 1)
     read = _parquet if media == PARQUET else _arrow
     found = Upload.of(read(Path(source), most_rows), layout=layout, file=file)
@@ -90,8 +98,9 @@ TASKS: Mapping[str, Callable[..., Any]] = {
 
 
 def _arrow(source: Path, most_rows: int) -> pa.Table:
-    with pa.memory_map(str(source)) as file:
-        return read_stream(file.read_buffer(), most_rows=most_rows, check=lambda schema: None)
+    # not closed here: the table's buffers lie in the mapping, which goes when they do
+    body = pa.memory_map(str(source)).read_buffer()
+    return read_stream(body, most_rows=most_rows, check=lambda schema: None)
 
 
 def _parquet(source: Path, most_rows: int) -> pa.Table:

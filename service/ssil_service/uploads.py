@@ -36,9 +36,12 @@ class Upload:
         metadata = table.schema.metadata or {}
         card = metadata.get(b"card", b"").decode("utf-8", "replace")
         if all(key in metadata for key in _OWN):
-            names = [_names(key, metadata[key]) for key in _OWN]
-            return cls(list(_episodes(table)), *names, card)
-        given = {name: tuple(v) if isinstance(v, list) else v for name, v in layout.items()}
+            states, actions = (_names(key, metadata[key]) for key in _OWN)
+            return cls(list(_episodes(table)), states, actions, card)
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in layout.items()
+        }
         path = Path(file)
         with parsing(path, "table"):
             found = imported(columns_of(path, table, place="at row", first=0), Layout(**given))
@@ -67,28 +70,33 @@ def _names(key: bytes, value: bytes) -> list[str]:
 
 
 def _episodes(table: pa.Table) -> Iterator[Episode]:
-    """Give the episodes of a table as `ssil_data.client.upload` makes it."""
+    """Give the episodes of a table as `ssil_data.client.upload` makes it.
+
+    Only state, action and episode have to be there.
+    """
     numbers = _column(table, "episode").to_numpy(zero_copy_only=False)
-    starts = np.flatnonzero(np.r_[True, numbers[1:] != numbers[:-1]])
+    starts = np.flatnonzero(np.r_[True, numbers[1:] != numbers[:-1]]) if len(numbers) else []
     if len(np.unique(numbers[starts])) != len(starts):
         raise InvalidInputError("episode: expected adjacent rows, found an episode twice")
     states, actions = (_lists(table, name) for name in ("state", "action"))
-    rewards, positions = (_column(table, name) for name in ("reward", "position"))
-    known = {name: _column(table, name) for name in _KNOWN}
+    known = {n: _column(table, n) for n in (*_PER_PAIR, *_KNOWN) if n in table.column_names}
     for start, stop in zip(starts, [*starts[1:], len(numbers)], strict=True):
         rows = slice(int(start), int(stop))
-        one = {name: _constant(name, column[rows]) for name, column in known.items()}
-        kept = {name: value for name, value in one.items() if value is not None}
-        reward, position = rewards[rows], positions[rows]
-        yield Episode(
-            states[rows],
-            actions[rows],
-            rewards=None if reward.null_count else reward.to_numpy(),
-            positions=None if position.null_count else matrix_of_rows(pa.chunked_array([position])),
-            **kept,
-        )
+        values = {name: _value(name, column[rows]) for name, column in known.items()}
+        kept = {_PER_PAIR.get(n, n): value for n, value in values.items() if value is not None}
+        yield Episode(states[rows], actions[rows], **kept)
 
 
+def _value(name: str, column: Any) -> Any:
+    """Return what a column says of one episode, None for nothing."""
+    if name not in _PER_PAIR:
+        return _constant(name, column)
+    if column.null_count:
+        return None
+    return column.to_numpy() if name == "reward" else matrix_of_rows(pa.chunked_array([column]))
+
+
+_PER_PAIR = {"reward": "rewards", "position": "positions"}
 _KNOWN = {
     "labeled": pa.bool_(),
     "source": pa.string(),

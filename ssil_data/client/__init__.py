@@ -1,10 +1,29 @@
-"""The service as a store: `connect(url)` gives the surface of `Store` and the same numbers."""
+"""The service as a store: `connect(url)` gives the surface of `Store` and the same numbers.
 
-from ssil_data.client.connection import Patience, ServiceError
-from ssil_data.client.dataset import RemoteDataset
-from ssil_data.client.field import RemoteField, RemoteModel
-from ssil_data.client.jobs import JobFailedError, RemoteJob
-from ssil_data.client.store import RemoteStore, connect
+Names are imported when they are first used: a process that only reads the wire needs no torch.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ssil_data.client.connection import Patience, ServiceError
+    from ssil_data.client.dataset import RemoteDataset
+    from ssil_data.client.field import RemoteField, RemoteModel
+    from ssil_data.client.jobs import JobFailedError, RemoteJob
+    from ssil_data.client.store import RemoteStore, connect
+
+_HOME = {
+    "JobFailedError": "jobs",
+    "Patience": "connection",
+    "RemoteDataset": "dataset",
+    "RemoteField": "field",
+    "RemoteJob": "jobs",
+    "RemoteModel": "field",
+    "RemoteStore": "store",
+    "ServiceError": "connection",
+    "connect": "store",
+}
 
 __all__ = [
     "JobFailedError",
@@ -17,3 +36,9 @@ __all__ = [
     "ServiceError",
     "connect",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

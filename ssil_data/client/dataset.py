@@ -17,7 +17,7 @@ from ssil_data.client.field import RemoteField, RemoteModel
 from ssil_data.client.jobs import RemoteJob
 from ssil_data.client.wire import ARROW, IDEMPOTENCY, decoded, matrix_of_rows, pairs_of_table
 from ssil_data.demonstrations import Episode, Pairs, joined
-from ssil_data.errors import ConflictError, NotFoundError
+from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.estimators import Estimator, to_json
 from ssil_data.kernels import checked_alpha
 from ssil_data.leverage import Scale
@@ -91,7 +91,13 @@ class RemoteDataset:
 
     def labeled(self) -> Pairs:
         """Read the labeled pairs; raises InvalidInputError if there are none."""
-        return pairs_of_table(self._table(f"{self.path}/pairs", {"labeled": "true"}))
+        found = pairs_of_table(self._table(f"{self.path}/pairs", {"labeled": "true"}))
+        if not len(found):
+            raise InvalidInputError(
+                f"labeled episodes of {self.name}: expected at least one, found none among "
+                f"{len(self.episodes)}"
+            )
+        return found
 
     def per_pair(self, column: str) -> NDArray[Any]:
         """Return a column of the episodes table, such as `labeled`, for every pair (n,)."""

@@ -35,7 +35,7 @@ class RemoteJob:
 
     def cancel(self) -> None:
         """Stop the job; nothing of it is kept."""
-        self.connection.request("DELETE", f"v1/jobs/{self.id}", repeatable=True)
+        self.connection.request("POST", f"v1/jobs/{self.id}/cancel", repeatable=True)
 
     def wait(self, progress: Callable[[str, int, int], None] | None = None) -> str:
         """Wait for the end and return the run's name.

@@ -12,18 +12,22 @@ from pydantic_core import to_json
 from starlette.responses import Response
 
 from ssil_data.client.wire import JSON, pairs_table, rows_of_matrix
-from ssil_data.errors import InvalidInputError, NotFoundError, SsilDataError
+from ssil_data.errors import NotFoundError, SsilDataError
+from ssil_service.answers import EpisodesPage, PairsPage
 from ssil_service.catalogue import Snapshot
 from ssil_service.context import context
 from ssil_service.negotiation import wanted
+from ssil_service.openapi import bulk, problems
 from ssil_service.paging import page, paged, tag_of, unchanged
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, Version
 from ssil_service.schemas import Datasets, DatasetSummary, Versions
 
 router = APIRouter(prefix="/v1", tags=["datasets"])
 
+_PROBLEMS = problems(404, 406, 422, tagged=True)
 
-@router.get("/datasets", response_model=Datasets)
+
+@router.get("/datasets", response_model=Datasets, responses=problems(406, tagged=True))
 async def datasets(request: Request) -> Response:
     """List the newest version of every dataset."""
     wanted(request, (JSON,))
@@ -38,7 +42,7 @@ async def datasets(request: Request) -> Response:
     return unchanged(request, tag) or _json({"datasets": found}, tag)
 
 
-@router.get("/datasets/{dataset}", response_model=DatasetSummary)
+@router.get("/datasets/{dataset}", response_model=DatasetSummary, responses=_PROBLEMS)
 async def dataset(request: Request, dataset: DatasetName, version: Version = None) -> Response:
     """Show a dataset's newest version, or another."""
     wanted(request, (JSON,))
@@ -47,7 +51,7 @@ async def dataset(request: Request, dataset: DatasetName, version: Version = Non
     return unchanged(request, tag) or _json(found, tag)
 
 
-@router.get("/datasets/{dataset}/versions", response_model=Versions)
+@router.get("/datasets/{dataset}/versions", response_model=Versions, responses=_PROBLEMS)
 async def versions(request: Request, dataset: DatasetName) -> Response:
     """List the fingerprints of a dataset's versions, the newest last."""
     wanted(request, (JSON,))
@@ -60,7 +64,7 @@ async def versions(request: Request, dataset: DatasetName) -> Response:
 @router.get(
     "/datasets/{dataset}/card",
     response_class=Response,
-    responses={200: {"content": {"text/markdown": {"schema": {"type": "string"}}}}},
+    responses={**_PROBLEMS, 200: {"content": {"text/markdown": {"schema": {"type": "string"}}}}},
 )
 async def card(request: Request, dataset: DatasetName) -> Response:
     """Read a dataset's card, Markdown."""
@@ -71,7 +75,10 @@ async def card(request: Request, dataset: DatasetName) -> Response:
     return unchanged(request, tag) or Response(text, media_type=media, headers={"ETag": tag})
 
 
-@router.get("/datasets/{dataset}/episodes")
+@router.get(
+    "/datasets/{dataset}/episodes",
+    responses={**_PROBLEMS, 200: bulk(EpisodesPage, paged=True)},
+)
 async def episodes(
     request: Request,
     dataset: DatasetName,
@@ -92,7 +99,10 @@ async def episodes(
     return await paged(request, media, part, rows, len(table), tag, version=snapshot.version)
 
 
-@router.get("/datasets/{dataset}/pairs")
+@router.get(
+    "/datasets/{dataset}/pairs",
+    responses={**_PROBLEMS, 200: bulk(PairsPage, paged=True)},
+)
 async def pairs(
     request: Request,
     dataset: DatasetName,
@@ -159,10 +169,6 @@ def _chosen(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
             )
     if labeled:
         keep &= table["labeled"].to_numpy()
-        if not keep.any():
-            raise InvalidInputError(
-                f"labeled episodes of {snapshot.name}: expected at least one, found none"
-            )
     return np.flatnonzero(np.repeat(keep, table["length"].to_numpy()))
 
 

@@ -9,6 +9,7 @@ from starlette.responses import JSONResponse, Response
 
 from ssil_service.context import context
 from ssil_service.metrics import CONTENT_TYPE
+from ssil_service.openapi import problems
 from ssil_service.problems import Problem
 from ssil_service.routes.parameters import MOST_CONTRIBUTORS
 from ssil_service.schemas import Health, Limits
@@ -17,13 +18,13 @@ open_router = APIRouter(tags=["operation"])
 router = APIRouter(tags=["operation"])
 
 
-@open_router.get("/healthz", response_model=Health)
+@open_router.get("/healthz", response_model=Health, responses=problems())
 async def alive() -> Response:
     """Tell that the process lives."""
     return JSONResponse({"status": "ok"})
 
 
-@open_router.get("/readyz", response_model=Health)
+@open_router.get("/readyz", response_model=Health, responses=problems())
 async def ready(request: Request) -> Response:
     """Tell that questions are answered: 503 while shutting down, or without a store."""
     await refuse_unready(request)
@@ -42,7 +43,7 @@ async def refuse_unready(request: Request) -> None:
 @router.get(
     "/metrics",
     response_class=Response,
-    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+    responses={**problems(), 200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(request: Request) -> Response:
     """Tell what Prometheus asks: latency by route, rows, queue, cache, jobs."""
@@ -51,7 +52,7 @@ async def metrics(request: Request) -> Response:
     return Response(here.metrics.text(), media_type=CONTENT_TYPE)
 
 
-@router.get("/v1/limits", response_model=Limits)
+@router.get("/v1/limits", response_model=Limits, responses=problems())
 async def limits(request: Request) -> Response:
     """Tell what the service takes at most."""
     settings = context(request).settings

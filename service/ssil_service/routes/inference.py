@@ -1,5 +1,216 @@
-"""placeholder"""
+"""The Open Inference Protocol, version 2: fitted estimators and fields as models.
 
-from fastapi import APIRouter
+`<dataset>.<run>` gives the uncertainty and leverage of pairs; `<dataset>.<run>.lcor` and
+`….cor` answer for states. A model's version is that of the dataset that its run was made from.
+"""
 
-router = APIRouter()
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Header, Path, Request
+from pydantic_core import to_json
+from starlette.responses import Response
+
+from ssil_data.client.wire import JSON
+from ssil_data.demonstrations import Pairs
+from ssil_data.errors import NotFoundError
+from ssil_service import tensors
+from ssil_service.answers import (
+    InferenceAnswer,
+    InferenceRequest,
+    ModelMetadata,
+    Ready,
+    ServerMetadata,
+)
+from ssil_service.catalogue import Snapshot
+from ssil_service.context import Context, context
+from ssil_service.intake import checked, counted, media_type
+from ssil_service.openapi import json_body, problems
+from ssil_service.problems import Problem
+from ssil_service.routes.health import refuse_unready
+
+open_router = APIRouter(prefix="/v2", tags=["inference"])
+router = APIRouter(prefix="/v2", tags=["inference"])
+
+ModelName = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,209}$")]
+ModelVersion = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$")]
+_KINDS = ("lcor", "cor")
+_OUTPUTS = {
+    "lcor": {"values": "FP64", "effective_sample_size": "FP64"},
+    "cor": {"values": "FP64"},
+    "": {"uncertainty": "FP32", "leverage": "FP32"},
+}
+_BINARY_AFTER = "Inference-Header-Content-Length"
+HeaderLength = Annotated[
+    int | None,
+    Header(alias=_BINARY_AFTER, ge=0, le=2**31, description="Length of the JSON before tensors."),
+]
+
+
+@open_router.get("/health/live", response_model=Ready, responses=problems())
+async def live(request: Request) -> Response:
+    """Tell that the process lives."""
+    return _json({"live": True})
+
+
+@open_router.get("/health/ready", response_model=Ready, responses=problems())
+async def ready(request: Request) -> Response:
+    """Tell that models answer."""
+    await refuse_unready(request)
+    return _json({"ready": True})
+
+
+@router.get("", response_model=ServerMetadata, responses=problems())
+async def server(request: Request) -> Response:
+    """Tell what the server is."""
+    extensions = ["binary_tensor_data"]
+    return _json({"name": "ssil-data", "version": version("ssil-data"), "extensions": extensions})
+
+
+@router.get("/models/{model}", response_model=ModelMetadata, responses=problems(404, 422))
+@router.get(
+    "/models/{model}/versions/{version}", response_model=ModelMetadata, responses=problems(404, 422)
+)
+async def metadata(
+    request: Request, model: ModelName, version: ModelVersion | None = None
+) -> Response:
+    """Tell what a model takes and gives."""
+    found = await _found(context(request), model, version)
+    widths = found.snapshot.widths
+    inputs = [("states", "FP32", widths[0])]
+    if not found.kind:
+        inputs += [("actions", "FP32", widths[1])]
+    shown = [{"name": n, "datatype": t, "shape": [-1, w]} for n, t, w in inputs]
+    if not found.kind:
+        shown += [{"name": "episode", "datatype": "INT64", "shape": [-1]}]
+    outputs = _OUTPUTS[found.kind].items()
+    return _json(
+        {
+            "name": model,
+            "versions": [found.version],
+            "platform": "ssil-data",
+            "inputs": shown,
+            "outputs": [{"name": n, "datatype": t, "shape": [-1]} for n, t in outputs],
+        }
+    )
+
+
+@router.get("/models/{model}/ready", response_model=Ready, responses=problems(404, 422))
+@router.get(
+    "/models/{model}/versions/{version}/ready", response_model=Ready, responses=problems(404, 422)
+)
+async def model_ready(
+    request: Request, model: ModelName, version: ModelVersion | None = None
+) -> Response:
+    """Tell that a model answers."""
+    await _found(context(request), model, version)
+    return _json({"name": model, "ready": True})
+
+
+_INFER: dict[str, Any] = {
+    "response_model": InferenceAnswer,
+    "responses": problems(404, 408, 409, 413, 415, 422),
+    "openapi_extra": json_body(InferenceRequest),
+}
+
+
+@router.post("/models/{model}/infer", **_INFER)
+@router.post("/models/{model}/versions/{version}/infer", **_INFER)
+async def infer(
+    request: Request,
+    model: ModelName,
+    version: ModelVersion | None = None,
+    length: HeaderLength = None,
+) -> Response:
+    """Ask a model; tensors are JSON, or binary after the JSON (the protocol's extension)."""
+    offered = (JSON, "application/octet-stream") if length is not None else (JSON,)
+    media_type(request, offered)
+    here = context(request)
+    found = await _found(here, model, version)
+    asked, inputs = tensors.read(await request.body(), length)
+    unknown = {output.name for output in asked.outputs} - set(_OUTPUTS[found.kind])
+    if unknown:
+        raise Problem(
+            422, f"outputs: expected some of {sorted(_OUTPUTS[found.kind])}, found others"
+        )
+    outputs = await _outputs(here, found, inputs)
+    about = {"model_name": model, "model_version": found.version, "id": asked.id}
+    body, header = tensors.written(asked, about, outputs)
+    if header is None:
+        return Response(body, media_type=JSON)
+    return Response(
+        body, media_type="application/octet-stream", headers={_BINARY_AFTER: str(header)}
+    )
+
+
+class _Model:
+    """A model by its name: a run of a dataset, and what of it is asked."""
+
+    def __init__(self, snapshot: Snapshot, run: str, kind: str) -> None:
+        self.snapshot, self.run, self.kind = snapshot, run, kind
+        record = snapshot.run(run) if kind else snapshot.run_of_any_version(run)
+        self.version = record.dataset_version
+
+
+async def _found(here: Context, model: str, version: str | None) -> _Model:
+    """Find the dataset and the run of a name, either of which may contain dots."""
+    base, _, last = model.rpartition(".")
+    readings = [(model, "")]
+    if last in _KINDS and "." in base:
+        readings.insert(0, (base, last))
+    for name, kind in readings:
+        for dot in [place for place, letter in enumerate(name) if letter == "."]:
+            dataset, run = name[:dot], name[dot + 1 :]
+            try:
+                found = _Model(await here.catalogue.snapshot(dataset), run, kind)
+            except NotFoundError:
+                continue
+            if version in (None, found.version):
+                return found
+    raise NotFoundError("model: expected <dataset>.<run>, ….lcor or ….cor, found another")
+
+
+async def _outputs(here: Context, model: _Model, inputs: dict[str, np.ndarray]) -> dict[str, Any]:
+    known = ("states",) if model.kind else ("states", "actions", "episode")
+    missing = {"states"} | ({"actions"} if not model.kind else set())
+    if not missing <= set(inputs) <= set(known):
+        raise Problem(422, f"inputs: expected {', '.join(known)}, found others")
+    states = _rows(inputs, "states", model.snapshot.widths[0])
+    most = here.settings.query_rows
+    if len(states) > most:
+        raise Problem(413, f"states: expected at most {most} rows, found {len(states)}")
+    if not model.kind:
+        return await _scored(here, model, inputs, states)
+    field = await here.catalogue.field(model.snapshot, model.run, None)
+    if model.kind == "cor":
+        return {"values": await here.compute(100 * len(states), lambda: field.cor(states))}
+    size = len(states) * len(field.states)
+    answer = await here.compute(size, lambda: field.lcor(states))
+    return {"values": answer.values, "effective_sample_size": answer.effective_sample_size}
+
+
+async def _scored(
+    here: Context, model: _Model, inputs: dict[str, np.ndarray], states: Any
+) -> dict[str, Any]:
+    actions = _rows(inputs, "actions", model.snapshot.widths[1])
+    episode = inputs.get("episode", np.zeros(len(states), np.int64))
+    if episode.dtype != np.int64 or episode.ndim != 1:
+        raise Problem(422, "episode: expected INT64 of one dimension, found another tensor")
+    pairs = Pairs(states, actions, episode, counted(episode))
+    estimator = await here.catalogue.model(model.snapshot, model.run)
+    scored = await here.compute(4096 * len(pairs), lambda: estimator(pairs))
+    return {"uncertainty": scored.uncertainty, "leverage": scored.leverage}
+
+
+def _rows(inputs: dict[str, np.ndarray], name: str, width: int) -> Any:
+    values = inputs[name]
+    if values.ndim != 2 or values.shape[1] != width:
+        raise Problem(422, f"{name}: expected shape [n, {width}], found {list(values.shape)}")
+    return checked(name, values, width)
+
+
+def _json(value: Any) -> Response:
+    return Response(to_json(value), media_type=JSON)

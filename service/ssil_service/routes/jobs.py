@@ -14,6 +14,8 @@ from ssil_data.client.wire import JSON
 from ssil_service.context import Context, context
 from ssil_service.jobs import ENDED
 from ssil_service.negotiation import wanted
+from ssil_service.openapi import events as events_of
+from ssil_service.openapi import problems
 from ssil_service.schemas import Job, Jobs
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
@@ -23,14 +25,14 @@ JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="A job.")]
 _LOOK, _SIGN_OF_LIFE = 0.1, 100
 
 
-@router.get("", response_model=Jobs)
+@router.get("", response_model=Jobs, responses=problems(406))
 async def jobs(request: Request) -> Response:
     """List the jobs of all servers of the store, the newest first."""
     wanted(request, (JSON,))
     return _json({"jobs": await asyncio.to_thread(context(request).board.all)})
 
 
-@router.get("/{job}", response_model=Job)
+@router.get("/{job}", response_model=Job, responses=problems(404, 406, 422))
 async def job(request: Request, job: JobId) -> Response:
     """Show a job."""
     wanted(request, (JSON,))
@@ -40,7 +42,7 @@ async def job(request: Request, job: JobId) -> Response:
 @router.get(
     "/{job}/events",
     response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
+    responses={**problems(404, 406, 422), 200: events_of(Job)},
 )
 async def events(request: Request, job: JobId) -> Response:
     """Follow a job to its end: an event `job` with the whole job at every change."""
@@ -50,7 +52,7 @@ async def events(request: Request, job: JobId) -> Response:
     return StreamingResponse(_events(here, job), media_type=media)
 
 
-@writing.delete("/{job}", response_model=Job)
+@writing.post("/{job}/cancel", response_model=Job, responses=problems(404, 406, 409, 422))
 async def cancel(request: Request, job: JobId) -> Response:
     """Stop a job; nothing of it is kept. One that has ended stays as it is."""
     wanted(request, (JSON,))

@@ -11,15 +11,24 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import rows_of_matrix
 from ssil_data.rows import PARTS
+from ssil_service.answers import CoRAnswer, LCoRAnswer, ScoreAnswer, SumsAnswer
 from ssil_service.context import context
 from ssil_service.intake import off_loop, pairs_body, states_body
 from ssil_service.negotiation import table_response, wanted
+from ssil_service.openapi import bulk, bulk_body, problems
 from ssil_service.routes.parameters import Alpha, Contributors, DatasetName, RunName, Version
+from ssil_service.schemas import PairsBody, StatesBody
 
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
 
+_PROBLEMS = problems(404, 406, 408, 409, 413, 415, 422)
 
-@router.post("/lcor")
+
+@router.post(
+    "/lcor",
+    responses={**_PROBLEMS, 200: bulk(LCoRAnswer, SumsAnswer)},
+    openapi_extra=bulk_body(StatesBody),
+)
 async def lcor(
     request: Request,
     dataset: DatasetName,
@@ -51,7 +60,9 @@ async def lcor(
     return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
 
 
-@router.post("/cor")
+@router.post(
+    "/cor", responses={**_PROBLEMS, 200: bulk(CoRAnswer)}, openapi_extra=bulk_body(StatesBody)
+)
 async def cor(
     request: Request,
     dataset: DatasetName,
@@ -73,7 +84,9 @@ async def cor(
     return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
 
 
-@router.post("/score")
+@router.post(
+    "/score", responses={**_PROBLEMS, 200: bulk(ScoreAnswer)}, openapi_extra=bulk_body(PairsBody)
+)
 async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
     """Tell the uncertainty and leverage of pairs, seen before or not, by a run of any version."""
     media = wanted(request)

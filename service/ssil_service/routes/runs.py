@@ -15,13 +15,15 @@ from starlette.responses import Response
 
 from ssil_data import leverage as scales
 from ssil_data.client.wire import IDEMPOTENCY, JSON
-from ssil_data.errors import ConflictError, InvalidInputError
+from ssil_data.errors import ConflictError
 from ssil_data.estimators import from_json
 from ssil_data.estimators import to_json as settings_json
+from ssil_service.answers import LeveragePage
 from ssil_service.catalogue import Snapshot
 from ssil_service.context import context
 from ssil_service.intake import media_type
 from ssil_service.negotiation import wanted
+from ssil_service.openapi import bulk, json_body, problems
 from ssil_service.paging import page, paged, tag_of, unchanged
 from ssil_service.problems import of_validation
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
@@ -30,6 +32,7 @@ from ssil_service.schemas import FitBody, Job, RescoreBody, RunRecord, RunRecord
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])
 writing = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])
 
+_PROBLEMS = problems(404, 406, 422, tagged=True)
 Step = Annotated[int | None, Query(ge=0, le=2**63 - 1)]
 Columns = Annotated[
     list[Literal["episode", "step", "uncertainty", "aleatoric", "epistemic", "leverage"]] | None,
@@ -37,7 +40,7 @@ Columns = Annotated[
 ]
 
 
-@router.get("", response_model=RunRecords)
+@router.get("", response_model=RunRecords, responses=_PROBLEMS)
 async def runs(request: Request, dataset: DatasetName) -> Response:
     """List the runs of all versions of a dataset, oldest first."""
     wanted(request, (JSON,))
@@ -48,7 +51,7 @@ async def runs(request: Request, dataset: DatasetName) -> Response:
     return unchanged(request, tag) or _json(answer, tag)
 
 
-@router.get("/{run}", response_model=RunRecord)
+@router.get("/{run}", response_model=RunRecord, responses=_PROBLEMS)
 async def run(request: Request, dataset: DatasetName, run: RunName) -> Response:
     """Show a run of any version."""
     wanted(request, (JSON,))
@@ -57,7 +60,10 @@ async def run(request: Request, dataset: DatasetName, run: RunName) -> Response:
     return unchanged(request, tag) or _json(asdict(found), tag)
 
 
-@router.get("/{run}/leverage")
+@router.get(
+    "/{run}/leverage",
+    responses={**_PROBLEMS, **problems(409), 200: bulk(LeveragePage, paged=True)},
+)
 async def leverage(
     request: Request,
     dataset: DatasetName,
@@ -91,7 +97,13 @@ async def leverage(
     return await paged(request, media, part, rows, len(table), tag, **about)
 
 
-@writing.post("", status_code=202, response_model=Job)
+@writing.post(
+    "",
+    status_code=202,
+    response_model=Job,
+    responses=problems(404, 406, 408, 409, 413, 415, 422, 429),
+    openapi_extra=json_body(FitBody, RescoreBody),
+)
 async def start(
     request: Request,
     dataset: DatasetName,
@@ -131,10 +143,6 @@ def _order(snapshot: Snapshot, body: FitBody | RescoreBody) -> dict[str, Any]:
         raise ConflictError(f"run of {snapshot.name}: expected an unused name, found one in use")
     if isinstance(body, RescoreBody):
         return {"run": body.run, "fitted": body.fitted.model_dump()}
-    if not np.any(snapshot.dataset.episodes["labeled"].to_numpy()):
-        raise InvalidInputError(
-            f"labeled episodes of {snapshot.name}: expected at least one, found none"
-        )
     estimator = from_json(body.estimator.model_dump())
     scale = scales.settings_from_json(body.scale.model_dump())
     return {

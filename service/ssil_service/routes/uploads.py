@@ -13,12 +13,19 @@ from ssil_data.client.wire import ARROW, JSON, PARQUET
 from ssil_data.errors import ConflictError
 from ssil_service.context import context
 from ssil_service.intake import media_type
+from ssil_service.openapi import problems, upload_body
 from ssil_service.routes.datasets import summary
 from ssil_service.routes.parameters import DatasetName
 from ssil_service.schemas import DatasetSummary
 
 writing = APIRouter(prefix="/v1/datasets/{dataset}", tags=["datasets"])
 
+_PROBLEMS = problems(408, 409, 413, 415, 422)
+_WRITTEN: dict[str, Any] = {
+    "status_code": 201,
+    "response_model": DatasetSummary,
+    "openapi_extra": upload_body(),
+}
 _Text = Annotated[str, Query(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]*$")]
 One = Annotated[_Text | None, Query(description="A column of the file.")]
 Several = Annotated[list[_Text] | None, Query(description="Columns of the file, in this order.")]
@@ -60,7 +67,7 @@ class Layout:
 Layouts = Annotated[Layout, Depends()]
 
 
-@writing.put("", status_code=201, response_model=DatasetSummary)
+@writing.put("", responses=_PROBLEMS, **_WRITTEN)
 async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
     """Write a new dataset from a Parquet or Arrow body; it appears whole or not at all."""
     media = media_type(request, (ARROW, PARQUET))
@@ -70,7 +77,7 @@ async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     return await _written(request, dataset, layout, media, append=False)
 
 
-@writing.post("/episodes", status_code=201, response_model=DatasetSummary)
+@writing.post("/episodes", responses={**_PROBLEMS, **problems(404)}, **_WRITTEN)
 async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
     """Add the episodes of a Parquet or Arrow body: the dataset's next version."""
     media = media_type(request, (ARROW, PARQUET))
@@ -78,7 +85,7 @@ async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     return await _written(request, dataset, layout, media, append=True)
 
 
-@writing.delete("", status_code=204)
+@writing.delete("", status_code=204, responses=problems(404, 422))
 async def delete(request: Request, dataset: DatasetName) -> Response:
     """Delete a dataset with its runs."""
     await asyncio.to_thread(context(request).catalogue.remove, dataset)
