@@ -202,8 +202,8 @@ def place(world: Any, cars: Any, car: int) -> None:
 def drive(world: Any, cars: Any, car: int, action: float) -> bool:
     """Drive one car for one period; return whether it hit a wall, where it then stands.
 
-    The wheels follow the asked angle with a first-order lag, the rear axle follows the kinematic
-    bicycle; each substep is exact for the wheels and second order for the path.
+    The wheels follow the asked angle with a first-order lag, exactly; the rear axle follows the
+    kinematic bicycle with the angle that the wheels have at the end of each substep.
     """
     steering = min(max(action, -1.0), 1.0)
     tick = world.period / world.substeps

@@ -111,9 +111,8 @@ class Track:
     def _check_numbers(self) -> None:
         points = len(self.centre)
         if self.centre.ndim != 2 or self.centre.shape[1] != 2 or points < 4:
-            raise InvalidInputError(
-                f"track {self.name}: expected at least four points x, y, "
-                f"found shape {self.centre.shape}; row {points} is missing"
+            raise self._refusal(
+                points, "at least four points x, y", f"the shape {self.centre.shape}"
             )
         for side in ("right", "left"):
             width = getattr(self, side)
