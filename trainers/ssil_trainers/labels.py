@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ssil_data import leverage as scales
+from ssil_data.client import RemoteDataset
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
@@ -79,7 +80,7 @@ def _episodes(source: Dataset, labels: int) -> Iterator[Episode]:
             )
 
 
-def expert_return(dataset: Dataset) -> float | None:
+def expert_return(dataset: Dataset | RemoteDataset) -> float | None:
     """Return the expert's mean return: what a score of 1 is, told by whole scored episodes.
 
     For evaluation only. None where no reward or score is recorded, or no episode is whole.

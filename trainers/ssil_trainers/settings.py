@@ -1,12 +1,12 @@
-"""What a training run can be told: one frozen object, the command line and the checkpoint's record.
-
-Every default is the paper's algorithm; what goes beyond the paper is off.
-"""
+"""What a training run can be told: the command line, and what a checkpoint keeps of it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
 
 from ssil_data.errors import InvalidInputError
 
@@ -23,6 +23,11 @@ _MAY_BE_ZERO = frozenset(
     }
 )
 _AT_MOST_ONE = frozenset({"discount", "gae_lambda", "fisher_share", "eta_decay"})
+
+PAPER: Mapping[str, Any] = MappingProxyType(
+    {"gae_lambda": 0.0, "centred": False, "gradient_penalty": 0.0, "spectral_norm": False}
+)
+"""The preset `paper`: one-step advantages as in Algorithm 1, and nothing beyond it."""
 
 
 @dataclass(frozen=True)
