@@ -23,7 +23,7 @@ from ssil_service.gate import Gate
 from ssil_service.jobs import Board
 from ssil_service.keys import Keys, may_read, may_write
 from ssil_service.metrics import Metrics
-from ssil_service.openapi import allowed, described
+from ssil_service.openapi import allowed, described, problems
 from ssil_service.pool import Pool
 from ssil_service.problems import Problem, of_library, of_validation
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
@@ -47,14 +47,17 @@ def create_app(settings: Settings) -> Edge:
         redoc_url=None,
     )
     app.state.settings, app.state.keys, app.state.metrics = settings, keys, metrics
-    read = [Depends(may_read)] if keys else []
-    write = [Depends(may_write)] if keys else []
+    read: dict[str, Any] = {}
+    write: dict[str, Any] = {}
+    if keys:
+        read = {"dependencies": [Depends(may_read)], "responses": problems(401)}
+        write = {"dependencies": [Depends(may_write)], "responses": problems(401, 403)}
     for each in (health, inference):
         app.include_router(each.open_router)
     for each in (health, datasets, runs, queries, jobs, inference):
-        app.include_router(each.router, dependencies=read)
+        app.include_router(each.router, **read)
     for each in (uploads, runs, jobs):
-        app.include_router(each.writing, dependencies=write)
+        app.include_router(each.writing, **write)
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
     app.openapi = lambda: described(app)

@@ -239,5 +239,7 @@ def _changed(folder: Path, now: float) -> tuple[int, int] | None:
 
 def _field(snapshot: Snapshot, run: str, alpha: float) -> tuple[LeverageField, int]:
     field = snapshot.dataset.field(run, alpha=alpha)
-    # the field itself, and as much again once it is packed for the first question
-    return field, 2 * field.states.nbytes + 16 * len(field.states)
+    field.lcor(field.states[:1])  # packs the states, so that no question waits for it
+    if 0 < int(field.labeled.sum()) < len(field.labeled):
+        field.cor(field.states[:1])
+    return field, 3 * field.states.nbytes + 16 * len(field.states)

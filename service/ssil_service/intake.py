@@ -211,6 +211,5 @@ def _integers(table: pa.Table, name: str) -> NDArray[np.int64]:
 def counted(episode: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the steps (n,) of rows, each episode of which begins at 0."""
     rows = np.arange(len(episode))
-    begins = np.flatnonzero(np.r_[True, episode[1:] != episode[:-1]]) if len(rows) else rows
-    lengths = np.diff([*begins, len(rows)])
-    return rows - np.repeat(begins, lengths)
+    begins = np.r_[True, episode[1:] != episode[:-1]][: len(rows)]
+    return rows - np.maximum.accumulate(np.where(begins, rows, 0))

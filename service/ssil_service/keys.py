@@ -85,31 +85,31 @@ def _digest(name: str, key: str) -> bytes:
 def _given(
     bearer: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
     header: Annotated[str | None, Security(_header)],
-) -> str | None:
-    return bearer.credentials if bearer is not None else header
+) -> list[str]:
+    return [key for key in (header, bearer.credentials if bearer else None) if key]
 
 
-Given = Annotated[str | None, Security(_given)]
+Given = Annotated[list[str], Security(_given)]
 
 
-def may_read(request: Request, key: Given) -> None:
+def may_read(request: Request, given: Given) -> None:
     """Let in whoever has a key."""
-    _check(request, key, write=False)
+    _check(request, given, write=False)
 
 
-def may_write(request: Request, key: Given) -> None:
+def may_write(request: Request, given: Given) -> None:
     """Let in whoever has a write key."""
-    _check(request, key, write=True)
+    _check(request, given, write=True)
 
 
-def _check(request: Request, key: str | None, *, write: bool) -> None:
+def _check(request: Request, given: list[str], *, write: bool) -> None:
     keys: Keys = request.app.state.keys
-    known, allowed = keys.may(key or "", write=write)
-    if not known:
+    found = [keys.may(key, write=write) for key in given]
+    if not any(known for known, _ in found):
         raise Problem(
             401,
             "key: expected a valid one as bearer token or X-API-Key",
             headers={"WWW-Authenticate": "Bearer"},
         )
-    if not allowed:
+    if not any(allowed for _, allowed in found):
         raise Problem(403, "key: expected a write key, found a read key")

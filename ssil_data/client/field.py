@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from ssil_data.answers import Contributors, LCoR
+from ssil_data.answers import Accuracy, Contributors, LCoR
 from ssil_data.client.connection import Connection
 from ssil_data.client.wire import ARROW, decoded, encoded, matrix_of_rows, pairs_table, states_table
 from ssil_data.demonstrations import Pairs, finite_matrix
@@ -48,8 +48,8 @@ class RemoteField:
         seed: int = 0,
     ) -> LCoR:
         """Return LCoR (equation 5) of states (m, d) in raw units, as `LeverageField.lcor` does."""
-        options = {"tolerance": tolerance, "seconds": seconds}
-        if tolerance is not None or seconds is not None:
+        options: dict[str, Any] = {"tolerance": tolerance, "seconds": seconds}
+        if not Accuracy(tolerance, relative, seconds, seed).exact:
             options |= {"relative": str(relative).lower(), "seed": seed}
         table = self._asked("lcor", states, contributors=contributors, **options)
         return LCoR(

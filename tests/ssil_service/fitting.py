@@ -71,7 +71,7 @@ def _existing(names, method):
 
 
 def _known(query, *, uploads):
-    """Leave out versions, and the names of an upload's columns: nobody can guess them."""
+    """Leave out what cannot be guessed (versions, columns) and options that contradict others."""
     columns = (
         "state",
         "action",
@@ -84,6 +84,12 @@ def _known(query, *, uploads):
         "labeled",
     )
     left_out = ["version", *(columns if uploads else [])]
+    if "tolerance" in (query or {}):
+        left_out += ["seconds", "contributors"]
+    elif "seconds" in (query or {}):
+        left_out += ["relative", "contributors"]
+    else:
+        left_out += ["relative"]
     return {name: value for name, value in (query or {}).items() if name not in left_out}
 
 

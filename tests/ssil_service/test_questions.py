@@ -57,7 +57,6 @@ def test_lcor_is_the_same_number_in_every_form(
     assert_array_equal(columns["contributor_share"], expected.contributors.share)
 
 
-@pytest.mark.skipif(not hasattr(sd.LeverageField, "sums"), reason="the field gives no sums")
 def test_weighted_sums_of_two_shards_add_up_to_lcor(
     http: httpx.Client, local: sd.Store, states: np.ndarray
 ):

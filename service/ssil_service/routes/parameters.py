@@ -29,3 +29,21 @@ Limit = Annotated[
     int | None, Query(ge=1, le=2**63 - 1, description="Rows at most; `/v1/limits` has the ceiling.")
 ]
 Episode = Annotated[int | None, Query(ge=0, le=2**63 - 1, description="Rows of this episode only.")]
+Tolerance = Annotated[
+    float | None,
+    Query(
+        gt=0,
+        le=1e9,
+        allow_inf_nan=False,
+        description="Ask a random part of the pairs, for 99.9 % half-widths this small.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    Query(
+        gt=0,
+        le=60,
+        allow_inf_nan=False,
+        description="Ask as large a random part of the pairs as this time allows.",
+    ),
+]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
 import pyarrow as pa
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
@@ -16,7 +15,15 @@ from ssil_service.context import context
 from ssil_service.intake import off_loop, pairs_body, states_body
 from ssil_service.negotiation import table_response, wanted
 from ssil_service.openapi import bulk, bulk_body, problems
-from ssil_service.routes.parameters import Alpha, Contributors, DatasetName, RunName, Version
+from ssil_service.routes.parameters import (
+    Alpha,
+    Contributors,
+    DatasetName,
+    RunName,
+    Seconds,
+    Tolerance,
+    Version,
+)
 from ssil_service.schemas import PairsBody, StatesBody
 
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
@@ -36,6 +43,12 @@ async def lcor(
     version: Version = None,
     alpha: Alpha = None,
     contributors: Contributors = 0,
+    tolerance: Tolerance = None,
+    relative: Annotated[
+        bool, Query(description="Tolerance in deviations of LCoR over the demonstrations.")
+    ] = False,
+    seconds: Seconds = None,
+    seed: Annotated[int, Query(ge=0, le=2**63 - 1, description="Equal seeds, equal parts.")] = 0,
     sums: Annotated[
         bool, Query(description="Instead, the weighted sums, which add up over shards.")
     ] = False,
@@ -43,6 +56,7 @@ async def lcor(
     """Tell how good the neighbourhood of states is, and on how many states the answer rests."""
     media = wanted(request)
     here = context(request)
+    accuracy = {"tolerance": tolerance, "relative": relative, "seconds": seconds, "seed": seed}
     snapshot = await here.catalogue.snapshot(dataset, version)
     snapshot.run(run)
     states = await states_body(request, snapshot.widths[0])
@@ -51,7 +65,7 @@ async def lcor(
     def work() -> dict[str, Any]:
         if sums:
             return _sums(field.sums(states, contributors=contributors))
-        return _answer(field.lcor(states, contributors=contributors))
+        return _answer(field.lcor(states, contributors=contributors, **accuracy))  # pyright: ignore[reportArgumentType]
 
     columns = await here.compute(len(states) * len(field.states), work)
     here.metrics.rows("lcor", len(states))
@@ -113,7 +127,7 @@ def _answer(answer: Any) -> dict[str, Any]:
     columns = {
         "values": answer.values,
         "effective_sample_size": answer.effective_sample_size,
-        "half_width": getattr(answer, "half_width", np.zeros(len(answer.values))),
+        "half_width": answer.half_width,
     }
     if answer.contributors.row.shape[1]:
         columns["contributor_row"] = rows_of_matrix(answer.contributors.row)
