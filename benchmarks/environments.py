@@ -27,6 +27,7 @@ import numpy as np
 import ssil_trainers.envs  # noqa: F401  registers the ids
 from gymnasium.vector import AutoresetMode
 from rivals.plain_racetrack import PlainRacetrack
+from rivals.raycast import poses, scanners
 
 ROUNDS = 9
 SECONDS = 0.4
@@ -102,6 +103,32 @@ def racetrack() -> World:
     )
 
 
+def rc_lidar() -> World:
+    """Return the RC car: the fleet beside the single environment, which is a fleet of one."""
+
+    def fleet(cars: int) -> Row:
+        make = partial(
+            gymnasium.make_vec, "RCLidar-v0", cars, autoreset_mode=AutoresetMode.SAME_STEP
+        )
+        return Row(f"fleet, {cars:,} cars", make, _aim, cars)
+
+    def single() -> gymnasium.Env[Any, Any]:
+        return gymnasium.make("RCLidar-v0").unwrapped
+
+    return World(
+        "RC LiDAR car, training track, 10 Hz",
+        [fleet(1), fleet(64), fleet(1_024), Row("single environment", single, _aim)],
+        ["single environment"],
+    )
+
+
+def _aim(states: np.ndarray) -> np.ndarray:
+    """Steer to the side where the beams reach farther, with a trembling hand that ends laps."""
+    left, right = states[:, 11:15].mean(axis=1), states[:, 4:8].mean(axis=1)
+    steering = 3 * (left - right) + _HAND.normal(scale=0.1, size=len(states))
+    return steering[:, None].astype(np.float32)
+
+
 def careful(states: np.ndarray) -> np.ndarray:
     """Hold the middle and brake for curves, with a trembling hand that ends some episodes."""
     heading, offset, speed = states[:, 19], states[:, 20], 20 * states[:, 21]
@@ -139,6 +166,24 @@ def print_speeds(world: World) -> None:
         print(f"{name:>28}{rate:>10,.0f}{ratios}")
 
 
+def print_scans() -> None:
+    """Print the microseconds of one scan of 19 beams, one call for each scan."""
+    places, ways = poses(), scanners()
+    spent: dict[str, list[float]] = {name: [] for name in ways}
+    for scan in ways.values():
+        scan(places[0])
+    for _ in range(ROUNDS):
+        for name, scan in ways.items():
+            begin = time.process_time()
+            for place in places:
+                scan(place)
+            spent[name].append(1e6 * (time.process_time() - begin) / len(places))
+    print(
+        "one scan of 19 beams, training track, reach 10 m, µs: "
+        + ", ".join(f"{name} {statistics.median(times):.1f}" for name, times in spent.items())
+    )
+
+
 def print_starts(env_id: str) -> None:
     """Print the seconds from a fresh process to the first state of 64 cars."""
     begin_to_state = (
@@ -158,9 +203,10 @@ def print_starts(env_id: str) -> None:
 
 def main() -> None:
     """Print a table for each world."""
-    for world, env_id in ((racetrack, "SSILRacetrack-v0"),):
+    for world, env_id in ((racetrack, "SSILRacetrack-v0"), (rc_lidar, "RCLidar-v0")):
         print_speeds(world())
         print_starts(env_id)
+    print_scans()
 
 
 if __name__ == "__main__":

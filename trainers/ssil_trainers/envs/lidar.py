@@ -48,10 +48,9 @@ class Walls:
         poses (n, 3): x, y, heading; beams (b,): directions off the heading [rad], left positive.
         A pose outside of the rectangle around the walls sees none of them.
         """
-        poses, directions = np.atleast_2d(np.asarray(poses, float)), directions_of(beams)
-        ranges = np.empty((len(poses), len(directions)))
-        for (x, y, heading), row in zip(poses, ranges, strict=True):
-            rc_kernel.fan(self.grid, x, y, heading, directions, float(reach), row)
+        given, directions = np.atleast_2d(np.asarray(poses, float)), directions_of(beams)
+        ranges = np.empty((len(given), len(directions)))
+        rc_kernel.fans(self.grid, given, directions, float(reach), ranges)
         return ranges
 
 

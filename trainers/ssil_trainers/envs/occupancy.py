@@ -14,7 +14,8 @@ from PIL import Image, UnidentifiedImageError
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.lidar import Walls
 
-_CELL = 0.5
+_CELL = 0.15
+"""Side of a grid cell [m]: finer than for tracks, as outlines have many short pieces."""
 
 
 def load_map(path: Path | str) -> Walls:

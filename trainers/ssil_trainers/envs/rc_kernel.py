@@ -146,6 +146,13 @@ def fan(
 
 
 @njit(cache=True)
+def fans(grid: Any, poses: Any, beams: Any, reach: float, ranges: Any) -> None:
+    """Write the ranges (n, b) of every beam from every pose (n, 3)."""
+    for row in range(len(poses)):
+        fan(grid, poses[row, 0], poses[row, 1], poses[row, 2], beams, reach, ranges[row])
+
+
+@njit(cache=True)
 def touches(world: Any, x: float, y: float, heading: float) -> bool:
     """Tell whether a side of the car's rectangle crosses a wall."""
     cos, sin = np.cos(heading), np.sin(heading)

@@ -1,0 +1,94 @@
+"""One LiDAR scan of 19 beams: our rays, and those of f1tenth_gym where its file is at hand.
+
+f1tenth_gym is not installed with this project. Its ray caster is one file, `laser_models.py`; set
+SSIL_F1TENTH_LASER_MODELS to where it lies, and it is timed beside ours. Both see the same track,
+drawn as a map of 5 cm pixels for it, and scan from the same poses, one call for each scan.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from ssil_trainers.envs import rc_kernel
+from ssil_trainers.envs.lidar import directions_of
+from ssil_trainers.envs.occupancy import load_map
+from ssil_trainers.envs.track import Track
+from ssil_trainers.envs.tracks import TRAINING_TRACK, named_track
+
+BEAMS = np.linspace(-np.pi / 2, np.pi / 2, 19)
+REACH, PIXEL, RIM = 10.0, 0.05, 2.0
+
+Scan = Callable[[NDArray[np.float64]], object]
+"""From one pose (3,) to its 19 ranges."""
+
+
+def poses(count: int = 2_000) -> NDArray[np.float64]:
+    """Return poses near the middle of the training track."""
+    rng = np.random.default_rng(0)
+    places = named_track(TRAINING_TRACK).places(0.05)
+    chosen = places[rng.integers(len(places), size=count)]
+    return chosen + rng.normal(scale=[0.1, 0.1, 0.1], size=(count, 3))
+
+
+def scanners() -> dict[str, Scan]:
+    """Return every way to scan by name; f1tenth_gym's only where its file is at hand."""
+    track = named_track(TRAINING_TRACK)
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = draw(track, Path(folder))
+        found = {
+            "our rays, centre line": _ours(track.walls.grid),
+            "our rays, map": _ours(load_map(drawn).grid),
+        }
+        place = os.environ.get("SSIL_F1TENTH_LASER_MODELS")
+        if place:
+            found["f1tenth_gym, map"] = _theirs(Path(place), drawn)
+    return found
+
+
+def draw(track: Track, folder: Path) -> Path:
+    """Draw the track as an occupancy map; return its YAML file."""
+    walls = np.concatenate([track.left_wall, track.right_wall])
+    low, high = walls.min(axis=0) - RIM, walls.max(axis=0) + RIM
+    width, height = (int(side) for side in np.ceil((high - low) / PIXEL))
+    image = Image.new("L", (width, height), 255)
+    for wall in (track.left_wall, track.right_wall):
+        pixels = (np.concatenate([wall, wall[:1]]) - low) / PIXEL
+        points = [(float(x), height - 1 - float(y)) for x, y in pixels]
+        ImageDraw.Draw(image).line(points, fill=0, width=2)
+    image.save(folder / "track.png")
+    (folder / "track.yaml").write_text(
+        f"image: track.png\nresolution: {PIXEL}\norigin: [{low[0]}, {low[1]}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.5\nfree_thresh: 0.2\n",
+        encoding="utf-8",
+    )
+    return folder / "track.yaml"
+
+
+def _ours(grid: rc_kernel.Grid) -> Scan:
+    directions = directions_of(BEAMS)
+
+    def scan(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        ranges = np.empty((1, len(directions)))
+        rc_kernel.fans(grid, pose[None], directions, REACH, ranges)
+        return ranges[0]
+
+    return scan
+
+
+def _theirs(file: Path, drawn: Path) -> Scan:
+    spec = importlib.util.spec_from_file_location("f1tenth_laser_models", file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where numba looks for what it kept from before
+    spec.loader.exec_module(module)
+    simulator = module.ScanSimulator2D(len(BEAMS), float(np.ptp(BEAMS)), max_range=REACH)
+    simulator.set_map(str(drawn), ".png")
+    return lambda pose: simulator.scan(pose, None)
