@@ -23,6 +23,8 @@ _VIRIDIS = np.array(
     [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float
 )
 _LARGER = 3
+_PANEL = 176
+"""Pixels of the strip with the map, the step and the steering."""
 
 
 class Canvas:
@@ -94,13 +96,13 @@ class Canvas:
 
 
 def picture(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> NDArray[np.uint8]:
-    """Return one car from above among its beams, with the whole track in a corner; uint8 RGB."""
+    """Return one car from above among its beams, beside a map of the track; uint8 RGB."""
     x, y, heading = fleet.rows.pose[car]
     world, settings, track = fleet.world, fleet.car, fleet.track
     ahead = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])
     here = np.array([x, y])
-    canvas = Canvas(size, here + 1.2 * ahead, size[1] / 6.5)
+    canvas = Canvas((size[0] - _PANEL, size[1]), here + 1.2 * ahead, size[1] / 6.5)
     canvas.road(track, wall=5)
     lidar = here + world.lidar * ahead
     ends = [
@@ -113,13 +115,16 @@ def picture(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> ND
         canvas.dot(end, 3, BEAM)
     _car(canvas, fleet, car, here, ahead, left)
     canvas.dot(lidar, 4, ROAD)
-    canvas.inset(_overview(track, here, side=size[1] // 3), 12, 12)
-    steering = fleet.rows.steering[car]
-    canvas.bar(size[0] - 150, size[1] - 22, 120, 4, CENTRE)
-    canvas.bar(size[0] - 92 - 60 * steering, size[1] - 27, 4, 14, BODY)
-    canvas.text(size[0] - 90, size[1] - 32, "steering", anchor="md")
-    canvas.text(12, size[1] - 24, f"{track.name}   step {fleet.rows.steps[car]}")
-    return np.asarray(canvas.image)
+    page = Canvas(size, (0, 0), 1, ROAD)
+    page.inset(canvas, _PANEL, 0)
+    page.inset(_overview(track, here, side=_PANEL - 24), 12, 12)
+    page.text(_PANEL / 2, _PANEL + 8, track.name, size=16, anchor="ma")
+    page.text(_PANEL / 2, size[1] - 100, f"step {fleet.rows.steps[car]}", anchor="ma")
+    page.text(_PANEL / 2, size[1] - 58, "steering", anchor="ma")
+    page.bar(24, size[1] - 28, _PANEL - 48, 4, CENTRE)
+    steering = float(fleet.rows.steering[car])
+    page.bar(_PANEL / 2 - (_PANEL / 2 - 24) * steering - 2, size[1] - 33, 4, 14, BODY)
+    return np.asarray(page.image)
 
 
 def drive_picture(
