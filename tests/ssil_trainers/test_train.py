@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
+from ssil_trainers.curve import Evaluation, Moment
 from ssil_trainers.evaluate import drive as drive_by
 from ssil_trainers.labels import expert_return, scored_like, with_labels
 from ssil_trainers.policy import Policy
 from ssil_trainers.screen import events
 from ssil_trainers.tasks import TASKS, side_by_side, single, spec_of
-from ssil_trainers.training import Evaluation, Moment
 
 from ssil_data.cli import main
 from ssil_data.dataset import Dataset

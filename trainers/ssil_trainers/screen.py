@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ssil_trainers.training import Moment, Seen
+from ssil_trainers.curve import Moment
+from ssil_trainers.training import Seen
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard.writer import SummaryWriter

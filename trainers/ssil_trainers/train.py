@@ -74,8 +74,7 @@ def train(
     except KeyboardInterrupt:
         print(f"Stopped. The same command with --resume goes on from the checkpoint in {folder}.")
         raise SystemExit(130) from None
-    last = trained.policy.described["evaluation"]
-    result = {"policy": str(folder / POLICY), "steps": trained.curve[-1].steps, **last}
+    result = {"policy": str(folder / POLICY), **trained.policy.described["evaluated"]}
     if json:
         print_json(result)
     else:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +15,7 @@ from gymnasium.vector import VectorEnv
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_trainers import tensors
 from ssil_trainers.adversarial import Iteration, Learner
+from ssil_trainers.curve import Evaluation, Moment, to_csv
 from ssil_trainers.methods import METHODS, Demonstrations
 from ssil_trainers.policy import Policy
 from ssil_trainers.rollout import Driver, returns
@@ -27,35 +26,6 @@ CHECKPOINT, POLICY, CURVE = "checkpoint.safetensors", "policy.safetensors", "cur
 
 Worlds = Callable[[int], VectorEnv[Any, Any, Any]]
 """Makes so many environments side by side."""
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """How the mean action did: mean and least return of an episode, mean length, and the score.
-
-    The score is the mean return over the expert's, None where the expert's is not known.
-    """
-
-    mean: float
-    least: float
-    length: float
-    score: float | None
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One row of a learning curve: an iteration, None before the first, and an evaluation."""
-
-    steps: int
-    iteration: Iteration | None
-    evaluation: Evaluation | None
-
-    def row(self) -> dict[str, Any]:
-        """Return the figures by name, those of the evaluation with its prefix; None stays."""
-        figures = {} if self.iteration is None else asdict(self.iteration)
-        scored = {} if self.evaluation is None else asdict(self.evaluation)
-        figures |= {f"return_{key}": value for key, value in scored.items() if key != "score"}
-        return {**figures, "steps": self.steps, "score": scored.get("score")}
 
 
 Seen = Callable[[Moment], None]
@@ -176,21 +146,21 @@ class _Run:
                     f"checkpoint: expected {_differences(described['identity'][name], value)}"
                 )
         self.learner.restore(arrays, done=described["done"], eta=described["eta"])
-        self.curve = [_moment(row) for row in described["curve"]]
+        self.curve = [Moment.of_json(row) for row in described["curve"]]
         return True
 
     def _keep_policy(self) -> Policy:
-        last = next(m.evaluation for m in reversed(self.curve) if m.evaluation is not None)
+        last = next(moment for moment in reversed(self.curve) if moment.evaluation is not None)
         described = {
             **self.job.identity,
             "steps": self.curve[-1].steps,
             "expert_return": self.job.expert_return,
-            "evaluation": asdict(last),
+            "evaluated": {"steps": last.steps, **asdict(last)["evaluation"]},
         }
         policy = self.learner.snapshot(described)
         if self.job.folder is not None:
             policy.save(self.job.folder / POLICY)
-            (self.job.folder / CURVE).write_text(_csv(self.curve))
+            (self.job.folder / CURVE).write_text(to_csv(self.curve))
         return policy
 
 
@@ -202,25 +172,6 @@ def _refuse_unfit(of: Demonstrations, driver: Driver) -> None:
             f"demonstrations: expected the state and action widths {expected} of the environment, "
             f"found {found}"
         )
-
-
-def _moment(row: Mapping[str, Any]) -> Moment:
-    iteration, evaluation = row["iteration"], row["evaluation"]
-    return Moment(
-        row["steps"],
-        None if iteration is None else Iteration(**iteration),
-        None if evaluation is None else Evaluation(**evaluation),
-    )
-
-
-def _csv(curve: list[Moment]) -> str:
-    rows = [moment.row() for moment in curve]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def _differences(kept: Any, given: Any) -> str:
