@@ -102,8 +102,8 @@ class Board:
                 if not same:
                     raise Problem(409, "Idempotency-Key: expected another, found it used before")
                 return known.record.shown(known.progress)
-            waiting = sum(entry.record.state == "queued" for entry in self._entries.values())
-            if waiting >= self.queue + self.running or self._closing:
+            unfinished = sum(not _over(entry) for entry in self._entries.values())
+            if unfinished >= self.queue + self.running or self._closing:
                 raise busy(429, "jobs: expected a free place, found the queue full", 5)
             record = JobRecord(
                 job=secrets.token_hex(8),

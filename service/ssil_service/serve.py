@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 from types import FrameType
 from typing import Annotated
 
 import uvicorn
 from cyclopts import Parameter
 
-from ssil_service.app import create_app
 from ssil_service.edge import Edge
 from ssil_service.keys import refuse_open_doors
 from ssil_service.logs import start_logging
@@ -25,7 +25,11 @@ def serve(*, settings: Annotated[Settings | None, Parameter(name="*")] = None) -
     settings = settings or read_settings()
     refuse_open_doors(settings)
     _ = settings.state_folder
+    from ssil_service.app import create_app  # only now: a refusal waits for no torch
+
     start_logging(settings.log_level)
+    # uvicorn ends in order, and then raises the signal again: by then it means nothing
+    signal.signal(signal.SIGTERM, lambda number, frame: None)
     server = _Server(create_app(settings), settings)
     server.run()
     return 0 if server.started else 2

@@ -87,6 +87,10 @@ class State:
     def close(self) -> None:
         """Give the place up."""
         shutil.rmtree(self.place, ignore_errors=True)
+        self.release()
+
+    def release(self) -> None:
+        """Let the lock go, as the end of the process does."""
         os.close(self._handle)
 
 
