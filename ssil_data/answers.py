@@ -15,20 +15,18 @@ from ssil_data.kernels import Estimate, Sums
 class Accuracy:
     """How exact answers must be: wholly, to a tolerance, or as exact as some seconds allow.
 
-    A random part of the demonstration states is asked: enough for 99.9 % half-widths of at most
-    `tolerance`, in units of LCoR or, if `relative`, in deviations of LCoR over the demonstrations;
-    or as many as `seconds` allow. Without either, all are asked. Equal seeds ask equal parts.
-    Raises InvalidInputError for numbers that are not finite and positive, and for both at once.
+    Without a tolerance or seconds, all demonstration states are asked. Raises InvalidInputError for
+    numbers that are not finite and positive, and for options that contradict each other.
 
     Parameters
     ----------
     tolerance:
-        Ask a random part of the pairs, large enough for answers that are this exact with a chance
-        of 99.9 %.
+        Ask a random part of the pairs, large enough for 99.9 % half-widths of at most this.
     relative:
         Take the tolerance in deviations of LCoR over the demonstrations.
     seconds:
-        Ask as large a random part of the pairs as this time allows.
+        Ask as large a random part of the pairs as this time allows, reading all pairs once before
+        not counted; never twice the same.
     seed:
         Equal seeds ask equal parts.
     """
@@ -50,6 +48,10 @@ class Accuracy:
             raise InvalidInputError("relative: expected a tolerance with it, found none")
         if self.seed < 0:
             raise InvalidInputError(f"seed: expected at least 0, found {self.seed}")
+        if self.seed and self.exact:
+            raise InvalidInputError(
+                f"seed: expected a tolerance or seconds with it, found {self.seed} alone"
+            )
 
     @property
     def exact(self) -> bool:

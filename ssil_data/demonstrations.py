@@ -24,7 +24,7 @@ def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> 
     """
     try:
         given = np.asarray(values)
-        taken = given.dtype == np.float32 and given.flags.c_contiguous and not given.flags.writeable
+        taken = given.dtype == np.float32 and given.flags.c_contiguous and _is_frozen(given)
         with np.errstate(over="ignore"):
             matrix = given if taken else np.array(given, dtype=np.float32, order="C")
     except (TypeError, ValueError) as error:
@@ -45,8 +45,22 @@ def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> 
     return matrix
 
 
-def _finite_vector(name: str, values: ArrayLike) -> NDArray[np.float32]:
-    return finite_matrix(name, np.reshape(np.asarray(values), (-1, 1)))[:, 0]
+def finite_vector(name: str, values: ArrayLike) -> NDArray[np.float32]:
+    """Return `values` as a read-only (n,) float32 array; as `finite_matrix`."""
+    given = np.asarray(values)
+    if given.ndim != 1:
+        raise InvalidInputError(f"{name}: expected one dimension, found shape {given.shape}")
+    return finite_matrix(name, given[:, None])[:, 0]
+
+
+def _is_frozen(array: NDArray[np.generic]) -> bool:
+    """Tell whether nobody can write to an array, nor to one that it is a view of."""
+    base: object = array
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            return False
+        base = base.base
+    return True
 
 
 def _integers(name: str, values: ArrayLike) -> NDArray[np.int64]:
@@ -150,7 +164,7 @@ class Episode:
         object.__setattr__(self, "states", finite_matrix("states", self.states))
         object.__setattr__(self, "actions", finite_matrix("actions", self.actions))
         if self.rewards is not None:
-            object.__setattr__(self, "rewards", _finite_vector("rewards", self.rewards))
+            object.__setattr__(self, "rewards", finite_vector("rewards", self.rewards))
         if self.positions is not None:
             positions = finite_matrix("positions", self.positions, width=2)
             object.__setattr__(self, "positions", positions)

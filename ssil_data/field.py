@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from threading import RLock
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.answers import Accuracy, LCoR
-from ssil_data.demonstrations import finite_matrix
+from ssil_data.demonstrations import finite_matrix, finite_vector
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
 from ssil_data.kernels import (
@@ -25,8 +26,8 @@ from ssil_data.kernels import (
 
 ALPHA_RANGE = (1e-2, 1e4)
 """Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
-_ASKING, _ASKED = 256, 1 << 15
-"""States that are asked for the deviation of LCoR, and how many answer where there are more."""
+_ASKING = 256
+"""States that are asked for the deviation of LCoR."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +36,9 @@ class LeverageField:
 
     `standardiser` makes units comparable, `alpha` > 0 is the kernel's sharpness, `labeled` (n,)
     tells the expert states of CoR from the rest. States may be a read-only mapped file. `device` is
-    where torch holds them, as "cuda"; on "cpu" code is written for the processor. Raises
-    InvalidInputError for unequal lengths.
+    where torch holds them for exact answers, as "cuda"; on "cpu" code is written for the
+    processor, and samples are always asked there. Raises
+    InvalidInputError for unequal lengths and for leverages outside [0, 1].
     """
 
     states: NDArray[np.float32]
@@ -51,14 +53,26 @@ class LeverageField:
         """Validate lengths and alpha."""
         object.__setattr__(self, "alpha", checked_alpha(self.alpha))
         object.__setattr__(self, "states", finite_matrix("states", self.states))
+        object.__setattr__(self, "leverage", finite_vector("leverage", self.leverage))
+        object.__setattr__(self, "labeled", np.asarray(self.labeled, bool))
         for name in ("leverage", "labeled"):
-            if len(getattr(self, name)) != len(self.states):
+            if getattr(self, name).shape != self.states.shape[:1]:
                 raise InvalidInputError(
                     f"{name}: expected one per state, "
-                    f"found {len(getattr(self, name))} != {len(self.states)}"
+                    f"found shape {getattr(self, name).shape} for {len(self.states)} states"
                 )
+        outside = np.flatnonzero((self.leverage < 0) | (self.leverage > 1))
+        if len(outside):
+            row = int(outside[0])
+            raise InvalidInputError(
+                f"leverage: expected numbers from 0 to 1, found {self.leverage[row]} at row {row}"
+            )
         if not len(self.states):
             raise InvalidInputError("states: expected at least one, found none")
+
+    def __reduce__(self) -> tuple[type[LeverageField], tuple[Any, ...]]:
+        """Copy what it was made of, not what it has packed."""
+        return LeverageField, tuple(getattr(self, f.name) for f in fields(self) if f.init)
 
     def lcor(
         self,
@@ -97,7 +111,8 @@ class LeverageField:
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
         """Return the sums that make LCoR of states (m, d) in raw units.
 
-        Those over shards with one standardiser and alpha add up. Errors as in `lcor`.
+        Those over shards with one standardiser and alpha add up, where `nearest` is numbered over
+        all of them. Errors as in `lcor`.
         """
         if contributors < 0:
             raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
@@ -136,8 +151,8 @@ class LeverageField:
     def _deviation(self) -> float:
         """Return the standard deviation of LCoR over the demonstration states, from a sample."""
         chosen = np.random.default_rng(0).integers(len(self.states), size=_ASKING)
-        found = self._sampled().of_size(self._rows[chosen], alpha=self.alpha, size=_ASKED)
-        return max(float(found.values.std()), np.finfo(float).tiny)
+        found = self._sampled().deviation(self._rows[chosen], alpha=self.alpha)
+        return max(found, np.finfo(float).tiny)
 
     @cached_property
     def _moments(self) -> tuple[Moments, Moments]:
@@ -147,8 +162,11 @@ class LeverageField:
                 f"cor: expected labeled and unlabeled states, found {count} labeled of "
                 f"{len(self.labeled)}"
             )
-        states = self.standardiser(self.states)
-        return Moments.of(states[self.labeled]), Moments.of(states[~self.labeled])
+        expert, negative = (
+            Moments.of_parts(self._rows[part] for part in _parts(np.flatnonzero(chosen)))
+            for chosen in (self.labeled, ~self.labeled)
+        )
+        return expert, negative
 
     def _standardised(self, states: ArrayLike) -> NDArray[np.float32]:
         return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))
@@ -167,6 +185,10 @@ class _Standardised:
 
     def __getitem__(self, rows: slice | NDArray[np.int64], /) -> NDArray[np.float32]:
         return self.standardiser(self.states[rows])
+
+
+def _parts(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return np.array_split(rows, -(-len(rows) // (1 << 18)))
 
 
 def auto_alpha(standardised: NDArray[np.float32], *, share: float = 0.1, seed: int = 0) -> float:

@@ -12,6 +12,8 @@ from ssil_data.kernels.sums import Sums
 
 _SPAN = 24 * np.log(2)
 """How far the log of the largest weight may lie from 0 before float32 loses the smaller ones."""
+_NEARER = -3.0
+"""Log of t of the nearest reference below which 1 + u has lost too many bits of t."""
 
 
 def exact_sums(
@@ -20,8 +22,8 @@ def exact_sums(
     """Return the sums for centred queries (m, d), m ≥ 1.
 
     Weights are first taken relative to the kernel at a query's distance to the centre. Where that
-    is out of the range of float32 (large α, far from the data), they are taken again, relative to
-    the nearest reference, which is known by then.
+    is out of the range of float32 (large α, far from the data) or too coarse (small α, close to a
+    reference), they are taken again, relative to the nearest reference, which is known by then.
     """
     to_centre = np.abs(queries).sum(axis=1, dtype=np.float64)
     sums, brackets = work(queries, to_centre, panels)
@@ -29,6 +31,9 @@ def exact_sums(
     log_scale = log_kernel(nearest, work.alpha)
     log_weight = log_scale - log_kernel(to_centre, work.alpha)
     lost = np.abs(log_weight) > _SPAN
+    if work.code.power.offset == 0:
+        log_t = np.log1p(nearest / work.alpha) - np.log1p(to_centre / work.alpha)
+        lost |= log_t < _NEARER
     if lost.any():
         sums[:, lost], _ = work(queries[lost], nearest[lost], panels)
         log_weight[lost] = 0

@@ -14,6 +14,7 @@ exact where the kernel itself underflows: large α, far from the data.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,17 @@ class Moments:
         """Summarise states (n, d), n ≥ 1."""
         values = np.asarray(states, np.float64)
         return cls(values.mean(axis=0), float(values.var(axis=0).sum()))
+
+    @classmethod
+    def of_parts(cls, parts: Iterable[ArrayLike]) -> Moments:
+        """Summarise states that come in parts (·, d), at least one, each of one row at least."""
+        counted = [(len(values := np.asarray(part)), cls.of(values)) for part in parts]
+        weights = np.array([count for count, _ in counted], np.float64)
+        weights /= weights.sum()
+        means = np.stack([one.mean for _, one in counted])
+        mean = weights @ means
+        traces = np.array([one.trace for _, one in counted])
+        return cls(mean, float(weights @ (traces + np.square(means - mean).sum(axis=1))))
 
     def rms_distance(self, states: ArrayLike) -> NDArray[np.float64]:
         """Return the root of the mean squared Euclidean distance from each of (m, d), (m,)."""

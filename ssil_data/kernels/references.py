@@ -108,6 +108,6 @@ def lcor_sums(
 ) -> Sums:
     """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1, packed for once.
 
-    States and queries are standardised already; leverage is (n,).
+    States and queries are standardised already, below 1e6 or so; leverage is (n,).
     """
     return References(states, leverage).sums(queries, alpha=alpha, contributors=contributors)

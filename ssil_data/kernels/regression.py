@@ -16,21 +16,20 @@ It is as good as the normal approximation, not a certificate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.formulas import log_kernel
 from ssil_data.kernels.totals import DistanceSums
 
-_QUANTILE = 3.2905
-"""Of the normal distribution: 99.9 % lie within as many deviations."""
 _ROUNDING = 1e-6
 """Share of a sum of squares that float32 products and subtractions may invent."""
 _RIDGE = 1e-12
-_LEAST_SUPPORT, _MOST_INFLUENCE = 512.0, 0.1
-"""Beyond them, half-widths were seen to be missed by more than 1 in 200 answers."""
+_LEAST_SPREAD = 0.5
+"""Share of the leverages' variance that a sample must have for λ to explain anything."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,74 +61,35 @@ class SampleMoments:
         return cls(parts[0].sample, np.concatenate([part.products for part in parts], axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """LCoR of m queries, its standard deviation and effective sample size, each (m,).
-
-    `floor` is the part of the 99.9 % half-width that no larger sample lowers. `support` is the
-    effective size of the sample alone, `influence` the share of the weight that one more state in
-    the query's place would have.
-    """
-
-    values: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-    floor: NDArray[np.float64]
-    effective_sample_size: NDArray[np.float64]
-    support: NDArray[np.float64]
-    influence: NDArray[np.float64]
-
-    @property
-    def half_width(self) -> NDArray[np.float64]:
-        """Half of the 99.9 % confidence interval's width, (m,)."""
-        return _QUANTILE * self.deviation + self.floor
-
-    @property
-    def trusted(self) -> NDArray[np.bool_]:
-        """Tell whether so many references decide that the normal approximation holds, (m,)."""
-        return (self.support >= _LEAST_SUPPORT) & (self.influence <= _MOST_INFLUENCE)
-
-    def size_for(self, tolerance: float, size: int, count: int) -> NDArray[np.float64]:
-        """Return how large a sample of `count` these answers need, (m,), if it is of `size` now."""
-        room = np.maximum(tolerance - self.floor, 0) / _QUANTILE
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # a deviation falls with 1 / size − 1 / count
-            inverse = 1 / count + (room / self.deviation) ** 2 * (1 / size - 1 / count)
-            enough = np.maximum(1 / inverse, size * _LEAST_SUPPORT / self.support)
-        enough = np.where(
-            self.half_width <= tolerance, size * _LEAST_SUPPORT / self.support, enough
-        )
-        return np.where(self.influence <= _MOST_INFLUENCE, enough, np.inf)
-
-    @classmethod
-    def blank(cls, count: int) -> Estimate:
-        """Return room for `count` answers."""
-        return cls(*np.empty((len(fields(cls)), count)))
-
-    def put(self, rows: NDArray[np.int64], answers: Estimate) -> None:
-        """Write the answers to the queries `rows`."""
-        for field in fields(self):
-            getattr(self, field.name)[rows] = getattr(answers, field.name)
-
-    def take(self, rows: NDArray[np.bool_]) -> Estimate:
-        """Return the answers to some of the queries."""
-        return Estimate(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-
 @dataclass(frozen=True)
 class Population:
-    """Of all references: how many, about the mean of their leverage, Σ λ, the ends of leverage."""
+    """Of all references: how many, about the mean of their leverage, Σ λ, Σ λ² / N, the ends.
+
+    `typical` is (Σ λ²)² / (N Σ λ⁴): about the share of references that carry their variance.
+    """
 
     count: int
     mean: float
     rest: float
+    variance: float
+    typical: float
     ends: tuple[float, float]
 
     @classmethod
     def of(cls, leverage: NDArray[np.float32]) -> Population:
         """Measure leverage (n,); `mean` is a float32, so that λ can be one."""
         mean = float(np.float32(leverage.mean(dtype=np.float64)))
-        rest = float((leverage - np.float32(mean)).sum(dtype=np.float64))
-        return cls(len(leverage), mean, rest, (float(leverage.min()), float(leverage.max())))
+        away = leverage - np.float32(mean)
+        square = np.square(away)
+        second, fourth = square.mean(dtype=np.float64), np.square(square).mean(dtype=np.float64)
+        return cls(
+            count=len(leverage),
+            mean=mean,
+            rest=float(away.sum(dtype=np.float64)),
+            variance=float(second),
+            typical=float(second**2 / fourth) if fourth > 0 else 1.0,
+            ends=(float(leverage.min()), float(leverage.max())),
+        )
 
     def farthest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far values are from the farther end of leverage."""
@@ -157,18 +117,28 @@ def estimate(
     ).transpose(2, 0, 1)
     of_kernel = np.stack([w[0], w[1], wu[0], wu[1]], axis=1)
     of_both = np.stack([w[1], w[2], wu[1], wu[2]], axis=1)
-    beta = _solved(gram, np.stack([of_kernel, of_both], axis=2))
+    # where the sample lacks the leverages that differ, λ would be told apart from 1 by rounding
+    balanced = moments.sample[2] >= _LEAST_SPREAD * population.variance * count > 0
+    used = np.arange(4) if balanced else np.array([0, 2])
+    beta = np.zeros((len(ones), 4, 2))
+    beta[:, used] = _solved(
+        gram[:, used[:, None], used], np.stack([of_kernel, of_both], axis=2)[:, used]
+    )
     # u is measured from the mean distance: its total over all references is 0
     reach = alpha + totals.plain / population.count
     lam_d = totals.weighted - population.mean * totals.plain
     lam_u = (lam_d - population.rest * totals.plain / population.count) / reach
     known = np.stack([population.count * ones, population.rest * ones, 0 * ones, lam_u], axis=1)
     sum_kernel, sum_both = np.einsum("mf,mfy->ym", known, beta)
-    sum_kernel = np.maximum(sum_kernel, np.finfo(float).tiny)
+    # no estimate of a positive sum may be far from the sample's own
+    mean_kernel = np.maximum(w[0] / count, np.finfo(float).tiny)
+    sum_kernel = np.clip(sum_kernel / (population.count * mean_kernel), 0.5, 2)
+    sum_kernel *= population.count * mean_kernel
     ratio = sum_both / sum_kernel
     squares = ww[2] - 2 * ratio * ww[1] + ratio**2 * ww[0]
     slopes = beta[:, :, 1] - ratio[:, None] * beta[:, :, 0]
     explained = np.einsum("mf,mf->m", slopes, of_both - ratio[:, None] * of_kernel)
+    squares = np.maximum(squares, 0)
     residual = np.maximum(squares - explained, _ROUNDING * squares) / (count - 4)
     unseen = 1 - count / population.count
     deviation = population.count * np.sqrt(unseen * residual / count) / sum_kernel
@@ -183,14 +153,14 @@ def estimate(
         values=values,
         deviation=deviation,
         floor=shift / (reach * sum_kernel) + influence * population.farthest(values),
-        effective_sample_size=sum_kernel**2 * seen / squared,
-        support=w[0] ** 2 / squared,
+        effective_sample_size=np.clip(sum_kernel**2 * seen / squared, 1, population.count),
+        support=np.minimum(w[0] ** 2 / squared, count * population.typical),
         influence=influence,
     )
 
 
 def _solved(gram: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve (m, 4, 4) x = (m, 4, 2), scaled to a unit diagonal; dependent features share."""
+    """Solve (m, f, f) x = (m, f, 2), scaled to a unit diagonal; dependent features share."""
     scale = np.sqrt(np.maximum(np.einsum("mff->mf", gram), np.finfo(float).tiny))
-    unit = gram / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(4)
+    unit = gram / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(gram.shape[1])
     return np.linalg.solve(unit, right / scale[:, :, None]) / scale[:, :, None]

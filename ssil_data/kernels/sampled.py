@@ -11,15 +11,18 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.native import Target
-from ssil_data.kernels.references import FLATTEST, HOST, SHARPEST, References
-from ssil_data.kernels.regression import Estimate, Population, SampleMoments, estimate
+from ssil_data.kernels.references import FLATTEST, HOST, References
+from ssil_data.kernels.regression import Population, SampleMoments, estimate
 from ssil_data.kernels.rows import Rows, centre
 from ssil_data.kernels.sample import FIRST, Sample
 from ssil_data.kernels.totals import Totals
 
 SMALLEST = 8 * FIRST
 """States below which exact sums are the shorter way."""
+_GROWTH = 2**0.5
+"""Samples grow on one ladder, so that an answer depends on its own query alone."""
 
 
 class Sampled:
@@ -73,12 +76,11 @@ class Sampled:
         while len(left):
             answer = asked.upto(size, left)
             need = answer.size_for(tolerance, size, self._population.count)
-            done, hopeless = need <= size, need > asked.sample.largest
+            done, hopeless = need <= size, ~(need <= asked.sample.largest)
             found.put(left[done], answer.take(done))
             exactly.append(left[hopeless & ~done])
-            left, need = left[~done & ~hopeless], need[~done & ~hopeless]
-            if len(left):
-                size = asked.sample.whole(min(2 * size, 1.05 * need.max()))
+            left = left[~done & ~hopeless]
+            size = asked.sample.whole(size * _GROWTH)
         rows = np.concatenate(exactly)
         if len(rows):
             found.put(rows, self._exactly(queries[rows], alpha, threads))
@@ -95,13 +97,15 @@ class Sampled:
     ) -> Estimate:
         """Answer queries (m, d) from as large a sample as `seconds` allow, exactly if they do.
 
-        Every sample has `FIRST` states at least. An answer that too few of them decide has the
-        widest half-width there is: to the farther end of the leverage.
+        Every sample has `FIRST` states at least; what is to be known of all states is not in the
+        time. An answer that too few of a sample decide has the widest half-width there is: to the
+        farther end of the leverage.
         """
-        begin, left = time.perf_counter(), np.arange(len(queries))
+        left = np.arange(len(queries))
         if self._is_short(queries, alpha):
             return self._exactly(queries, alpha, threads)
         asked = self._asked(queries, alpha, seed, threads)
+        begin = time.perf_counter()
         size = asked.sample.whole(FIRST)
         answer = asked.upto(size, left)
         while size < asked.sample.largest:
@@ -133,6 +137,16 @@ class Sampled:
         asked = self._asked(queries, alpha, seed, threads)
         return asked.upto(asked.sample.whole(size), np.arange(len(queries)))
 
+    def deviation(self, queries: NDArray[np.float32], *, alpha: float) -> float:
+        """Return the standard deviation of LCoR over queries (m, d), noise of samples taken off."""
+        if self._is_short(queries, alpha):
+            return float(self._exactly(queries, alpha, None).values.std())
+        found = self.of_size(queries, alpha=alpha, size=4 * FIRST)
+        if not found.trusted.all():
+            return float(self._exactly(queries, alpha, None).values.std())
+        variance = found.values.var() - np.square(found.deviation).mean()
+        return float(np.sqrt(max(variance, 0.0)))
+
     def _is_short(self, queries: NDArray[np.float32], alpha: float) -> bool:
         return not len(queries) or self._population.count < SMALLEST or alpha < FLATTEST
 
@@ -148,7 +162,7 @@ class Sampled:
         totals = self.prepare()
         with self._lock:
             sample = self._samples(seed)
-        centred, alpha = queries - self._centre, min(alpha, SHARPEST)
+        centred = queries - self._centre
         return _Asked(sample, totals, self._population, centred, alpha, threads)
 
     def _exactly(self, queries: NDArray[np.float32], alpha: float, threads: int | None) -> Estimate:

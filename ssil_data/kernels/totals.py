@@ -20,7 +20,7 @@ from ssil_data.kernels.rows import Rows
 
 _BITS = 9
 """A bin's width is 2^−9 of its distance from the centre plus one."""
-_AT_ONCE = 1 << 18
+_AT_ONCE, _QUERIES = 1 << 18, 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +58,20 @@ class Totals:
 
     def __call__(self, queries: NDArray[np.float32]) -> DistanceSums:
         """Return the sums for centred queries (m, d)."""
+        parts = [
+            self._of(part) for part in np.split(queries, range(_QUERIES, len(queries), _QUERIES))
+        ]
+        columns = ([getattr(part, name.name) for part in parts] for name in fields(DistanceSums))
+        return DistanceSums(*map(np.concatenate, columns))
+
+    def _of(self, queries: NDArray[np.float32]) -> DistanceSums:
         q = queries.astype(np.float64)
         bins = np.clip(self._bin(queries), 0, 2 * self._bins - 1)
         dimensions = np.arange(queries.shape[1])
         low, high = self._edges(bins)
         found = []
-        below, with_bin, all_of_them = (
-            self._below[:, dimensions, place] for place in (bins, bins + 1, -1 + 0 * bins)
-        )
+        below, with_bin = (self._below[:, dimensions, place] for place in (bins, bins + 1))
+        all_of_them = self._below[:, :, -1]
         for weight, moment in ((0, 1), (2, 3)):
             (w_low, w_high, w_all), (x_low, x_high, x_all) = (
                 [part[kind] for part in (below, with_bin, all_of_them)] for kind in (weight, moment)

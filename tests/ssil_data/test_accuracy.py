@@ -1,5 +1,6 @@
 """A field asked to a tolerance or for a time: what it says of its own exactness, and refusals."""
 
+import copy
 import re
 from dataclasses import replace
 from functools import cache
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from ssil_data import Accuracy, InvalidInputError, LeverageField
+from ssil_data.demonstrations import finite_matrix
 from ssil_data.features import Standardiser
 
 STORE = 80_000
@@ -54,6 +56,28 @@ def test_a_relative_tolerance_is_in_deviations_of_lcor():
     assert sharp.lcor(queries(), tolerance=0.2, relative=True).half_width.max() > 0
 
 
+@pytest.mark.parametrize("count", [1, 100, 255, 300])
+def test_a_relative_tolerance_of_a_small_store_is_kept_by_asking_all(count: int):
+    whole = field()
+    few = replace(
+        whole,
+        states=whole.states[:count].copy(),
+        leverage=whole.leverage[:count],
+        labeled=whole.labeled[:count],
+    )
+    answer = few.lcor(queries(), tolerance=0.1, relative=True)
+    np.testing.assert_array_equal(answer.values, few.lcor(queries()).values)
+    assert (answer.half_width == 0).all()
+
+
+def test_the_deviation_of_lcor_is_that_of_exact_answers():
+    for alpha in (1.0, 20.0):
+        asked = replace(field(), alpha=alpha)
+        answer = asked.lcor(queries(), tolerance=0.3, relative=True)
+        deviation = asked.lcor(field().states[::300]).values.std()
+        assert answer.half_width.max() <= 0.3 * 1.2 * deviation
+
+
 def test_seconds_are_answered_and_the_seed_decides_the_part():
     answer = field().lcor(queries(), seconds=1e-4)
     assert 0 < answer.half_width.max() < 0.2
@@ -82,6 +106,7 @@ def test_a_mapped_file_answers_as_an_array_does(tmp_path: Path):
         ({"seconds": 1.0, "tolerance": 0.1}, "expected a tolerance or seconds, found both"),
         ({"relative": True}, "relative: expected a tolerance with it, found none"),
         ({"tolerance": 0.1, "seed": -1}, "seed: expected at least 0, found -1"),
+        ({"seed": 3}, "seed: expected a tolerance or seconds with it, found 3 alone"),
         ({"tolerance": 0.1, "contributors": 2}, "contributors: expected 0 with a tolerance"),
     ],
 )
@@ -95,6 +120,41 @@ def test_accuracy_is_checked_once_for_everybody():
     assert not Accuracy(tolerance=0.1).exact
     with pytest.raises(InvalidInputError, match="found both"):
         Accuracy(tolerance=0.1, seconds=1.0)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
+def test_a_field_can_be_copied_after_it_was_asked(copied):
+    whole = field()
+    few = LeverageField(
+        whole.states[:50], whole.leverage[:50], whole.labeled[:50], whole.standardiser, 2.0
+    )
+    before = few.lcor(queries()).values
+    np.testing.assert_array_equal(copied(few).lcor(queries()).values, before)
+
+
+@pytest.mark.parametrize(
+    ("leverage", "message"),
+    [
+        (np.array([0.5, np.nan]), "leverage: expected finite float32 numbers, found nan at row 1"),
+        (np.array([0.5, 1.5]), "leverage: expected numbers from 0 to 1, found 1.5 at row 1"),
+        (np.array([-0.1, 0.5]), "leverage: expected numbers from 0 to 1, found -0.1"),
+        (np.array([[0.5], [0.5]]), "leverage: expected one dimension, found shape (2, 1)"),
+        (np.array([0.5]), "leverage: expected one per state, found shape (1,) for 2 states"),
+    ],
+)
+def test_leverages_that_are_none_are_refused(leverage: np.ndarray, message: str):
+    states = field().states[:2]
+    with pytest.raises(InvalidInputError, match=re.escape(message)):
+        LeverageField(states, leverage, np.array([True, False]), field().standardiser, 1.0)
+
+
+def test_a_view_of_what_can_be_written_is_copied():
+    written = field().states[:10].copy()
+    view = written[:]
+    view.flags.writeable = False
+    kept = finite_matrix("states", view)
+    written[:] = np.nan
+    assert np.isfinite(kept).all()
 
 
 def test_a_device_that_torch_lacks_is_refused():

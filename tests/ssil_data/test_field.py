@@ -248,5 +248,8 @@ def test_cor_needs_both_sides():
 
 def test_one_leverage_per_state():
     field = made(0, 5)
-    with pytest.raises(InvalidInputError, match="leverage: expected one per state, found 4 != 5"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"leverage: expected one per state, found shape \(4,\) for 5 states",
+    ):
         LeverageField(field.states, field.leverage[:4], field.labeled, field.standardiser, 1.0)

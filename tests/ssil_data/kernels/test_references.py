@@ -35,6 +35,18 @@ def test_every_path_is_the_slow_sum(target: Target | None, alpha: float):
     np.testing.assert_allclose(sums.effective_sample_size, sizes, rtol=1e-4)
 
 
+@pytest.mark.parametrize("alpha", [1e-3, 0.01, 0.1, 0.5, 1.0])
+def test_queries_on_a_reference_are_the_slow_sum_at_flat_kernels(
+    target: Target | None, alpha: float
+):
+    states, leverage = made(15, 400, 64)
+    states[0, 5] = 1e4
+    queries = states[:20] + np.float32(1e-4)
+    sums = References(states, leverage, target=target).sums(queries, alpha=alpha)
+    values, _ = slow_lcor(queries, states, leverage, alpha)
+    np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
+
+
 @pytest.mark.parametrize("width", range(1, 65))
 def test_every_width_is_the_slow_sum(width: int):
     (states, leverage), (queries, _) = made(width, 150, width), made(width + 1, 7, width)

@@ -51,6 +51,44 @@ def test_the_half_width_is_no_wider_than_it_must_be(alpha: float):
     assert np.median(error / found.half_width) > 0.1  # 0.205 of a normal distribution's
 
 
+def test_995_of_1000_answers_to_a_tolerance_lie_within_it():
+    queries, known, missed, source = world()[3], exact(3.0), 0, sampled()
+    for seed in range(10):
+        found = source.within(queries, alpha=3.0, tolerance=4e-3, seed=seed)
+        assert ((found.half_width > 0) & (found.half_width <= 4e-3)).all()
+        missed += (np.abs(found.values - known) > found.half_width).sum()
+    assert missed <= 15
+
+
+@pytest.mark.parametrize("rare", [1, 20, 400])
+@pytest.mark.parametrize("other", [0.0, 1.0])
+def test_leverages_that_few_states_have_are_asked_of_all(rare: int, other: float):
+    states, _, _, queries = world()
+    leverage = np.full(STORE, 0.5, np.float32)
+    leverage[:rare] = other
+    references = References(states, leverage)
+    source = Sampled(states, leverage, lambda: references)
+    own = np.concatenate([queries[:50], states[:50] + np.float32(0.1)])
+    known = references.sums(own, alpha=12.0)
+    for seed in range(3):
+        part = source.of_size(own, alpha=12.0, size=8192, seed=seed)
+        assert not part.trusted.any()
+        assert np.isfinite(part.half_width).all()
+        assert (part.effective_sample_size <= STORE).all()
+        whole = source.within(own, alpha=12.0, tolerance=0.01, seed=seed)
+        np.testing.assert_allclose(whole.values, known.values, atol=1e-6)
+
+
+def test_the_order_of_the_references_is_nothing_but_chance():
+    states, leverage, references, queries = world()
+    order = np.random.default_rng(2).permutation(STORE)
+    mixed = Sampled(states[order], leverage[order], lambda: references)
+    one = sampled().of_size(queries, alpha=1.0, size=16_384)
+    other = mixed.of_size(queries, alpha=1.0, size=16_384)
+    assert (one.values != other.values).any()
+    assert (np.abs(one.values - other.values) <= one.half_width + other.half_width).all()
+
+
 def test_what_distance_and_leverage_explain_costs_no_width():
     states, leverage, _, queries = world()
     found = sampled().of_size(queries, alpha=1.0, size=16_384)
@@ -141,6 +179,10 @@ def test_an_answer_is_grown_from_the_same_sample_whatever_the_batch():
     np.testing.assert_allclose(
         np.concatenate([part.values for part in parts]), whole.values, atol=1e-8
     )
+    together = source.within(queries, alpha=12.0, tolerance=0.02)
+    alone = source.within(queries[7:8], alpha=12.0, tolerance=0.02)
+    np.testing.assert_allclose(alone.values, together.values[7:8], atol=1e-8)
+    np.testing.assert_allclose(alone.half_width, together.half_width[7:8], rtol=1e-4)
 
 
 def test_constant_leverage_returns_itself_with_no_width():
@@ -189,7 +231,7 @@ def test_weights_beyond_float32_leave_nothing_known():
     np.testing.assert_allclose(exactly.values, exact(200.0, queries), atol=1e-6)
 
 
-def test_few_references_are_all_asked(monkeypatch: pytest.MonkeyPatch):
+def test_few_references_are_all_asked():
     states, leverage, _, queries = world()
     few = Sampled(states[:500], leverage[:500], lambda: References(states[:500], leverage[:500]))
     found = few.within(queries, alpha=1.0, tolerance=0.5)
