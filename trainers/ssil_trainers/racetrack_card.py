@@ -10,7 +10,8 @@ import numpy as np
 from ssil_trainers.envs.highway import HIGHWAY_IDS, SIMULATION_HZ
 from ssil_trainers.envs.starts import START_SPEEDS
 from ssil_trainers.ppo import PPOSettings
-from ssil_trainers.racetrack_demonstrations import Collected, RacetrackSettings, Taken
+from ssil_trainers.racetrack_demonstrations import Collected, RacetrackSettings
+from ssil_trainers.recording import Taken
 from ssil_trainers.tiers import BANDS, EXPERT
 
 _LIBRARIES = ("highway-env", "gymnasium", "stable-baselines3", "torch", "numpy")

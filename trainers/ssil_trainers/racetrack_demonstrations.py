@@ -14,7 +14,7 @@ from ssil_trainers.drivers import School, drives_within
 from ssil_trainers.envs.highway import POLICY_HZ, Track, check_task
 from ssil_trainers.envs.racetrack import RacetrackEnv
 from ssil_trainers.ppo import PPOSettings
-from ssil_trainers.recording import Course, Drive, first_pairs
+from ssil_trainers.recording import Course, Taken, first_pairs
 from ssil_trainers.tiers import BANDS, EXPERT, pick
 
 _SEEDS_APART = 1_000_000
@@ -101,32 +101,6 @@ class RacetrackSettings:
             raise InvalidInputError(
                 f"unlabeled: expected a multiple of {len(BANDS)}, found {self.unlabeled}"
             )
-
-
-@dataclass(frozen=True, eq=False)
-class Taken:
-    """The first `pairs` pairs of a drive; score is that of the whole drive."""
-
-    drive: Drive
-    pairs: int
-    score: float
-    tier: str
-    labeled: bool = False
-
-    def episode(self) -> Episode:
-        """Return it as a demonstration."""
-        kept = slice(self.pairs)
-        return Episode(
-            states=self.drive.states[kept],
-            actions=self.drive.actions[kept],
-            rewards=self.drive.rewards[kept],
-            positions=self.drive.positions[kept],
-            labeled=self.labeled,
-            source=self.drive.driver,
-            score=self.score,
-            tier=self.tier,
-            ending=self.drive.ending if self.pairs == len(self.drive) else "cut",
-        )
 
 
 @dataclass(frozen=True, eq=False)
