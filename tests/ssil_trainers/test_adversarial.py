@@ -21,6 +21,7 @@ TOY = TrainSettings(
     discount=0.9,
     kl=0.03,
     entropy=0.0,
+    centred=False,
     critic_rate=3e-3,
     discriminator_rate=3e-3,
     discriminator_steps=20,
@@ -116,9 +117,22 @@ def test_eta_follows_the_rule_in_the_loop() -> None:
 def learner_of(method: str) -> Learner:
     of, row, driver = demonstrations(), METHODS[method], Driver(Line(TOY.environments))
     experts = row.imitated(of, driver.box, of.standardiser)
-    learner = Learner(TOY, driver, experts, row.shaped(of, TOY), of.standardiser)
+    learner = Learner(TOY, driver, experts, row.shaping(of, TOY.seed), of.standardiser)
     learner.start_anew()
     return learner
+
+
+def test_a_centred_shaping_pays_nobody_for_staying_alive() -> None:
+    """LCoR that is the same everywhere moves nothing when it is centred."""
+    plain, centred, gail = learner_of("ssil"), learner_of("ssil"), learner_of("gail")
+    centred.settings = replace(TOY, centred=True)
+    for learner in (plain, centred):
+        learner.shaping = lambda states: np.full(len(states), 0.7)
+    for learner in (plain, centred, gail):
+        assert learner.iterate().shaping == pytest.approx(0 if learner is gail else 0.7)
+    weights = [learner.policy.layers()[0][0] for learner in (plain, centred, gail)]
+    np.testing.assert_allclose(weights[1], weights[2], atol=1e-6)
+    assert np.abs(weights[0] - weights[2]).max() > 1e-4
 
 
 def test_the_environments_reward_is_not_read() -> None:

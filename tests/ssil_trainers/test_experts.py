@@ -13,7 +13,6 @@ from ssil_trainers.experts import Experts
 from ssil_trainers.methods import METHODS, Demonstrations
 from ssil_trainers.nets import Discriminator, PolicyNetwork
 from ssil_trainers.policy import ActionBox
-from ssil_trainers.settings import TrainSettings
 from toy import demonstrations
 
 from ssil_data.errors import InvalidInputError
@@ -70,9 +69,9 @@ def test_leverage_is_the_weight_of_leverage_weighted_cloning() -> None:
 
 
 def test_methods_differ_by_the_shaping() -> None:
-    of, settings = demonstrations(), TrainSettings()
+    of = demonstrations()
     states = of.states[:7] + 0.1
-    shaped = {name: METHODS[name].shaped(of, settings)(states) for name in METHODS}
+    shaped = {name: METHODS[name].shaping(of, 0)(states) for name in METHODS}
     assert not shaped["gail"].any() and not shaped["constant"].any()
     np.testing.assert_array_equal(shaped["ssil"], of.field.lcor(states).values)
     np.testing.assert_array_equal(shaped["mixgail"], of.field.cor(states))
@@ -82,20 +81,11 @@ def test_methods_differ_by_the_shaping() -> None:
 
 def test_shuffled_leverage_has_the_same_values_and_follows_the_seed() -> None:
     of, states = demonstrations(), demonstrations().states[:50]
-    one, again, other = (
-        METHODS["shuffled"].shaped(of, TrainSettings(seed=seed))(states) for seed in (0, 0, 1)
-    )
+    one, again, other = (METHODS["shuffled"].shaping(of, seed)(states) for seed in (0, 0, 1))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
     mean = float(of.leverage.mean())
     assert one.mean() == pytest.approx(mean, abs=0.03)
-
-
-def test_centred_shaping_pays_nothing_on_average() -> None:
-    of = demonstrations()
-    plain = METHODS["ssil"].shaped(of, TrainSettings())(of.states)
-    centred = METHODS["ssil"].shaped(of, TrainSettings(centred=True))(of.states)
-    np.testing.assert_allclose(centred, plain - plain.mean())
 
 
 @pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled", "clone-leverage"])
@@ -104,7 +94,7 @@ def test_without_a_run_there_is_no_leverage_to_ask(method: str) -> None:
     row = METHODS[method]
     assert row.needs_run
     with pytest.raises(InvalidInputError, match="run"):
-        row.shaped(of, TrainSettings())
+        row.shaping(of, 0)
         row.imitated(of, BOX, of.standardiser)
 
 

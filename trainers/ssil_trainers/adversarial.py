@@ -34,8 +34,8 @@ class Iteration:
 
     number: how many were done with it; steps: environment steps in all; eta: η after it; accuracy:
     share of pairs that the discriminator told rightly; kl: of the policy step, 0 if none was taken;
-    discriminator_reward, shaping: means over the rollout; sigma: the policy's mean deviation;
-    ended: how many episodes did.
+    discriminator_reward, shaping: means over the rollout, before it is centred; sigma: the policy's
+    mean deviation; ended: how many episodes ended.
     """
 
     number: int
@@ -112,7 +112,8 @@ class Learner:
             discriminator_reward = self.discriminator.reward(pairs).numpy()
             values, next_values = self.critics(states).numpy(), self.critics(next_states).numpy()
         shaping = self.shaping(rollout.states.reshape(-1, self.driver.width))
-        rewards = np.stack([discriminator_reward, shaping])
+        paid = shaping - shaping.mean() if to.centred else shaping
+        rewards = np.stack([discriminator_reward, paid])
         advantage_d, advantage_c = both = self._advantages(rollout, rewards, values, next_values)
 
         region = TrustRegion(to.kl, to.damping, to.conjugate_steps, to.fisher_share, to.entropy)

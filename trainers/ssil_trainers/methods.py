@@ -19,7 +19,6 @@ from ssil_trainers.settings import TrainSettings
 from ssil_trainers.shaping import (
     Field,
     Shaping,
-    centred,
     constraint_reward,
     leverage_constraint_reward,
     nothing,
@@ -120,11 +119,6 @@ class Method:
     def settings(self, given: TrainSettings) -> TrainSettings:
         """Return the settings with those that make the method."""
         return replace(given, **self.fixed)
-
-    def shaped(self, of: Demonstrations, settings: TrainSettings) -> Shaping:
-        """Return the shaping, centred if the settings say so."""
-        shaping = self.shaping(of, settings.seed)
-        return centred(shaping) if settings.centred else shaping
 
     def imitated(self, of: Demonstrations, box: ActionBox, standardiser: Standardiser) -> Experts:
         """Return the pairs imitated, as the networks see them."""

@@ -120,12 +120,12 @@ class TrainSettings:
     critic_rate: float = 1e-3
     discriminator_steps: int = 10
     discriminator_batch: int = 256
-    discriminator_rate: float = 3e-4
+    discriminator_rate: float = 5e-4
     gradient_penalty: float = 0.0
     spectral_norm: bool = False
     eta: float = 1.0
     eta_decay: float = 0.99
-    centred: bool = False
+    centred: bool = True
     pretrained: bool = False
     cloning_steps: int = 2_000
     cloning_batch: int = 256

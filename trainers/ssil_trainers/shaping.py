@@ -51,13 +51,3 @@ def leverage_constraint_reward(field: Field) -> Shaping:
 def constraint_reward(field: Field) -> Shaping:
     """Return CoR of a field as a shaping: MixGAIL."""
     return lambda states: field.cor(states)
-
-
-def centred(shaping: Shaping) -> Shaping:
-    """Return a shaping less its mean over the states asked: nobody is paid for staying alive."""
-
-    def without_mean(states: NDArray[np.float32]) -> NDArray[np.floating]:
-        values = shaping(states)
-        return values - values.mean()
-
-    return without_mean

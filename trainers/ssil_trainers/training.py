@@ -84,7 +84,7 @@ class _Run:
         driver = Driver(job.worlds(self.settings.environments))
         _refuse_unfit(of, driver)
         experts = method.imitated(of, driver.box, standardiser)
-        shaping = method.shaped(of, self.settings)
+        shaping = method.shaping(of, self.settings.seed)
         self.learner = Learner(self.settings, driver, experts, shaping, standardiser)
         self.curve: list[Moment] = []
         if not self._restored(resume) and self.settings.pretrained:
