@@ -46,6 +46,11 @@ app.command(
     name="evaluate",
     help="Drive the real environment by a policy file.",
 )
+app.command(
+    "ssil_trainers.experiments.reproduce:reproduce",
+    name="reproduce",
+    help="Run the paper's tables again, with controls, a ledger of its claims and one page.",
+)
 
 
 def main(words: Sequence[str] | None = None) -> NoReturn:

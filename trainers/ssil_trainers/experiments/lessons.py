@@ -1,0 +1,79 @@
+"""The working store: copies of the demonstrations, with fewer labels, and the runs on them.
+
+The store that the demonstrations come from is only read.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssil_data.errors import InvalidInputError
+from ssil_data.scoring import preset, score
+from ssil_data.store import Store
+from ssil_trainers.experiments.identity import code
+from ssil_trainers.labels import with_labels
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A scoring run: its dataset in the working store, and how it is made."""
+
+    store: str
+    dataset: str
+    estimator: str
+    preset: str
+    seed: int
+    run: str
+
+    @classmethod
+    def of(cls, store: str, dataset: str, estimator: str, preset: str, seed: int) -> Fit:
+        """Name the run by what makes it, so that one of other code is never taken for it."""
+        run = f"{estimator}-{preset}-seed-{seed}-{code()}"
+        return cls(store, dataset, estimator, preset, seed, run)
+
+    @property
+    def name(self) -> str:
+        """What a progress line calls it."""
+        return f"{self.estimator} {self.preset} on {self.dataset}, seed {self.seed}"
+
+    def made(self) -> bool:
+        """Tell whether the run is there."""
+        return self.run in Store(self.store)[self.dataset].runs.names()
+
+    def __call__(self) -> None:
+        """Make the run if it was not made before."""
+        if not self.made():
+            recipe = preset(self.preset, self.estimator)
+            score(
+                Store(self.store)[self.dataset],
+                recipe.estimator,
+                scale=recipe.scale,
+                labeled_is_one=recipe.labeled_is_one,
+                seed=self.seed,
+                run=self.run,
+            )
+
+
+def working_copy(source: Store, name: str, work: Path) -> Store:
+    """Copy a dataset into a store of its own below `work`, once for each version."""
+    dataset = source[name]
+    store = Store(work / f"{name}-{dataset.version}")
+    if name in store:
+        return store
+    folder = dataset.folder.local
+    if folder is None or store.folder.local is None:
+        raise InvalidInputError(f"store: expected a local folder, found {source.folder.uri}")
+    work.mkdir(parents=True, exist_ok=True)
+    (work / ".gitignore").write_text("*\n")
+    hidden = store.folder.local.with_name(f".{store.folder.local.name}")
+    shutil.rmtree(hidden, ignore_errors=True)
+    shutil.copytree(folder, hidden / name)
+    hidden.rename(store.folder.local)
+    return store
+
+
+def labeled_dataset(store: Store, name: str, labels: int | None) -> str:
+    """Return the name of the dataset with so many labels, which is made if it must be."""
+    return name if labels is None else with_labels(store, name, labels).name

@@ -1,0 +1,149 @@
+"""The page: results put beside the paper's numbers; everything is escaped, nothing is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import altair as alt
+import vl_convert
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from ssil_data.report.rendering import HERE as REPORT
+from ssil_data.report.rendering import MINUS
+from ssil_trainers.experiments import charts, paper
+from ssil_trainers.experiments.plan import Plan
+from ssil_trainers.experiments.protocol import Table
+from ssil_trainers.experiments.results import Record, Results
+from ssil_trainers.settings import TrainSettings
+
+HERE = Path(__file__).parent
+_CONTROLS = ("shuffled", "constant", "clone")
+
+
+def page(
+    plan: Plan,
+    results: Results,
+    *,
+    claims: list[Record],
+    controls: list[Record],
+    verdicts: Mapping[str, int],
+    made_by: Mapping[str, str],
+) -> str:
+    """Return the whole page as HTML."""
+    seconds = sum(record["processor_seconds"] for record in results.records)
+    context = {
+        "cells": len(results.records),
+        "seeds": plan.seeds,
+        "preset": plan.preset,
+        "hours": f"{seconds / 60:,.0f} min on one core",
+        "verdicts": verdicts,
+        "tables": [_table(plan, table, results) for table in plan.tables],
+        "leverage": results.leverage_rows(),
+        "claims": claims,
+        "controls": controls,
+        "settings": _settings(plan),
+        "made_by": made_by,
+    }
+    return _rendered(context)
+
+
+def _table(plan: Plan, table: Table, results: Results) -> dict[str, Any]:
+    rows = results.rows(table)
+    over = {found["key"]: found for found in results.over_labels(table)}
+    columns = [{"title": row.title, "control": row.method in _CONTROLS} for row in table.rows]
+    return {
+        "name": table.name,
+        "title": table.title,
+        "caption": _caption(table),
+        "columns": columns,
+        "blocks": [_block(table, rows, labels) for labels in table.labels],
+        "over": [over.get(row.key) for row in table.rows] if len(table.labels) > 1 else [],
+        "rows": rows,
+        "finals": charts.finals(table, results),
+        "curves": charts.curves(table, results),
+        "evaluations": plan.training.evaluations,
+        "train_on": table.train_on,
+    }
+
+
+def _caption(table: Table) -> str:
+    unit = "the expert's mean return, as recorded with the demonstrations"
+    if table.full_score is not None:
+        unit = f"{table.full_score:g}"
+    first = "All policies start from a behaviour-cloned one. " if table.pretrained else ""
+    where = ", ".join(table.tests)
+    return (
+        f"{first}Score: mean return of {table.episodes} episodes on each of {where}, over {unit}."
+    )
+
+
+def _block(table: Table, rows: list[Record], labels: int | None) -> dict[str, Any]:
+    """Return what stands beside one number of labels: ours, where trained if elsewhere, theirs."""
+    by = {row["method"]: row for row in rows if row["labels"] == labels}
+    found = [by.get(row.key) for row in table.rows]
+    best = max(
+        (f["mean"] for row, f in zip(table.rows, found, strict=True) if f and _ours(row.method)),
+        default=None,
+    )
+    here = [
+        f and {"mean": f["mean"], "deviation": f["deviation"], "best": f["mean"] == best}
+        for f in found
+    ]
+    lines = [{"name": "here", "paper": False, "cells": here}]
+    if table.tests != (table.train_on,):
+        trained = [f and {"mean": f["where_trained"], "deviation": None, "best": 0} for f in found]
+        lines.append({"name": "here, where trained", "paper": False, "cells": trained})
+    published = [paper.SCORES.get((table.name, labels, row.key)) for row in table.rows]
+    most = max((p[0] for p in published if p), default=None)
+    cells = [p and {"mean": p[0], "deviation": p[1], "best": p[0] == most} for p in published]
+    lines.append({"name": "paper", "paper": True, "cells": cells})
+    return {"labels": "all" if labels is None else f"{labels:,}", "lines": lines}
+
+
+def _ours(method: str) -> bool:
+    return method not in _CONTROLS
+
+
+def _settings(plan: Plan) -> dict[str, list[str]]:
+    """Return every setting of training by name, with its value for each table."""
+    each = [asdict(plan.settings(table, plan.seeds[0])) for table in plan.tables]
+    names = [field.name for field in fields(TrainSettings) if field.name != "seed"]
+    return {name: [str(settings[name]) for settings in each] for name in names}
+
+
+def _rendered(context: Mapping[str, Any]) -> str:
+    environment = Environment(
+        loader=FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    environment.filters |= {"number": _number, "count": _count}
+    style = "\n".join((folder / "page.css").read_text("utf-8") for folder in (REPORT, HERE))
+    return environment.get_template("page.html.j2").render(
+        context,
+        style=Markup(style),
+        script=Markup((HERE / "page.js").read_text("utf-8")),
+        bundle=Markup(_bundle()),
+    )
+
+
+def _bundle() -> str:
+    """Return Vega, Vega-Lite and Vega-Embed of the version that the specs are written in."""
+    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    bundle = vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=version)
+    return bundle.replace("</script", "<\\/script")
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}".replace("-", MINUS)
+
+
+def _count(value: float | None) -> str:
+    return "–" if value is None else f"{value:,.0f}"

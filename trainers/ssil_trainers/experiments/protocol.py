@@ -1,0 +1,116 @@
+"""The paper's tables as data: which methods on which labels, where they train and are tested."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ssil_trainers.settings import TrainSettings
+
+ESTIMATORS = ("gpr", "mdn", "vae", "windowvae")
+SHARED_RUN = "windowvae"
+"""Whose leverage the control shuffles, and whose α MixGAIL's CoR takes: α is every run's alike."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method of a table. One that is `labeled` is trained for every number of labels."""
+
+    method: str
+    title: str
+    estimator: str | None = None
+    labeled: bool = True
+
+    @property
+    def key(self) -> str:
+        """The name in files and claims."""
+        return f"{self.method}-{self.estimator}" if self.estimator else self.method
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of training runs.
+
+    labels: None is all that there are. tests: tasks of the real environment that a policy's score
+    is the mean over; `train_on` is where it learns, on the twin. full_score: the return that counts
+    as 1, None for the expert's mean return. budget: environment steps of one run.
+    """
+
+    name: str
+    title: str
+    dataset: str
+    train_on: str
+    tests: tuple[str, ...]
+    labels: tuple[int | None, ...]
+    rows: tuple[Row, ...]
+    budget: int
+    evaluate_every: int
+    pretrained: bool = False
+    full_score: float | None = None
+    episodes: int = 10
+
+    def settings(self, given: TrainSettings, *, seed: int, budget: int | None) -> TrainSettings:
+        """Return the settings of one run: `given`, the same for every method, and the table's."""
+        return replace(
+            given,
+            seed=seed,
+            steps=self.budget if budget is None else budget,
+            pretrained=self.pretrained,
+            evaluate_every=self.evaluate_every,
+        )
+
+    def row(self, key: str) -> Row | None:
+        """Return the row of that key, None if there is none."""
+        return next((row for row in self.rows if row.key == key), None)
+
+
+def _ssil(*estimators: str) -> tuple[Row, ...]:
+    titles = {"gpr": "GPR", "mdn": "MDN", "vae": "VAE", "windowvae": "windowVAE"}
+    return tuple(Row("ssil", f"SSIL ({titles[kind]})", kind) for kind in estimators)
+
+
+_CONTROLS = (
+    Row("shuffled", "SSIL, leverage shuffled", SHARED_RUN),
+    Row("constant", "constant reward", labeled=False),
+    Row("clone", "behaviour cloning"),
+)
+
+RACETRACK = Table(
+    name="racetrack",
+    title="Table I: racetrack, fewer and more labels",
+    dataset="racetrack",
+    train_on="racetrack",
+    tests=("racetrack",),
+    labels=(100, 300, 600, 1_200),
+    rows=(
+        Row("gail-mixed", "GAIL, mixed", labeled=False),
+        Row("gail", "GAIL, labeled"),
+        Row("mixgail", "MixGAIL"),
+        *_ssil(*ESTIMATORS),
+        *_CONTROLS,
+    ),
+    budget=122_880,
+    evaluate_every=5,
+)
+
+RC_LIDAR = Table(
+    name="rc-lidar",
+    title="Table III: RC car with a LiDAR",
+    dataset="rc-lidar",
+    train_on="rc-lidar",
+    tests=tuple(f"rc-lidar?track={track}" for track in ("attic", "cellar", "garage", "loft")),
+    labels=(None,),
+    rows=(
+        Row("gail", "GAIL"),
+        Row("mixgail", "MixGAIL"),
+        *_ssil("mdn", "vae", "windowvae"),
+        *_CONTROLS,
+    ),
+    budget=40_960,
+    evaluate_every=1,
+    pretrained=True,
+    full_score=400.0,
+)
+
+TRAINING_TABLES = {table.name: table for table in (RACETRACK, RC_LIDAR)}
+LEVERAGE = "leverage"
+LEVERAGE_PRESETS = ("paper", "default")

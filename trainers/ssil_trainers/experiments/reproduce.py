@@ -1,0 +1,126 @@
+"""The command `ssil-data reproduce`: the paper's tables, cell by cell, and one page about them."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.experiments.plan import Plan, fits_of
+from ssil_trainers.experiments.pool import Tell, do, pool, processors
+from ssil_trainers.experiments.protocol import LEVERAGE, TRAINING_TABLES, Table
+from ssil_trainers.experiments.publishing import publish
+from ssil_trainers.experiments.results import Results
+from ssil_trainers.settings import PAPER, TrainSettings
+
+
+def reproduce(
+    *,
+    table: Literal["racetrack", "leverage", "rc-lidar", "all"] = "all",
+    seeds: int = 3,
+    first_seed: int = 0,
+    budget: int | None = None,
+    preset: Literal["default", "paper"] = "default",
+    labels: tuple[int, ...] = (),
+    methods: tuple[str, ...] = (),
+    workers: int | None = None,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("docs/reproduction"),
+    training: TrainSettings = TrainSettings(),  # noqa: B008
+    place: StorePlace = Place(),  # noqa: B008
+    json: AsJson = False,
+) -> None:
+    """Run the paper's tables with controls, and write tables, ledger and one offline page.
+
+    Every method trains by the same settings. A finished cell is a file below `cells/` in the
+    output folder; the same command goes on where it was stopped. The store is only read: copies
+    with fewer labels, and scoring runs, are made below `work/`.
+
+    Parameters
+    ----------
+    table:
+        racetrack is table I, leverage table II, rc-lidar table III.
+    seeds:
+        Runs of every cell.
+    first_seed:
+        The first one's seed; the others count on.
+    budget:
+        Environment steps of every training run. [default: 122,880 racetrack, 40,960 rc-lidar]
+    preset:
+        `paper` has the paper's leverage and loop, `default` what measured best.
+    labels:
+        Of the racetrack's numbers of labels, these alone.
+    methods:
+        Of the methods, these alone.
+    workers:
+        Processes of one thread each. [default: one for every core]
+    output:
+        Folder of the page, tables, settings and cells.
+    training:
+        Settings of training; steps, seed, pretrained and evaluate-every are the tables'.
+    """
+    if seeds < 1:
+        raise InvalidInputError(f"seeds: expected at least 1, found {seeds}")
+    plan = Plan(
+        tables=tuple(
+            _narrowed(known, labels, methods)
+            for name, known in TRAINING_TABLES.items()
+            if table in (name, "all")
+        ),
+        leverage="racetrack" if table in (LEVERAGE, "all") else None,
+        seeds=tuple(range(first_seed, first_seed + seeds)),
+        preset=preset,
+        training=_with(training, preset),
+        budget=budget,
+        source=place.open(),
+        output=output,
+        work=output / "work",
+    )
+    results = run(plan, workers=workers or len(processors()), tell=_to_screen)
+    verdicts = publish(plan, results)
+    if json:
+        print_json({"cells": len(results.records), "verdicts": verdicts, "output": str(output)})
+    else:
+        print_table("Claims of the paper", [verdicts])
+        print(f"Page: {output / 'index.html'}")
+
+
+def run(plan: Plan, *, workers: int, tell: Tell) -> Results:
+    """Do what of the plan is not done, and return all its results."""
+    missing = [task for task in plan.tasks if task.result() is None]
+    stale = sum(task.path.exists() for task in missing)
+    tell(f"{len(plan.tasks) - len(missing)} of {len(plan.tasks)} cells are done already")
+    if stale:
+        tell(f"{stale} others are of other settings, data, versions or code and are made again")
+    if missing:
+        with pool(workers) as executor:
+            do(executor, "scoring run", fits_of(missing), tell)
+            do(executor, "cell", missing, tell)
+    found = [task.result() for task in plan.tasks]
+    return Results([result for result in found if result is not None])
+
+
+def _narrowed(table: Table, labels: tuple[int, ...], methods: tuple[str, ...]) -> Table:
+    if labels and table.labels != (None,):
+        unknown = set(labels) - set(table.labels)
+        if unknown:
+            raise InvalidInputError(f"labels: expected some of {table.labels}, found {unknown}")
+        table = replace(table, labels=tuple(n for n in table.labels if n in labels))
+    if methods:
+        known = {row.method for row in table.rows} | {"gail-mixed"}
+        if not set(methods) <= known:
+            raise InvalidInputError(f"methods: expected some of {sorted(known)}, found {methods}")
+        table = replace(table, rows=tuple(row for row in table.rows if row.method in methods))
+    return table
+
+
+def _with(training: TrainSettings, preset: str) -> TrainSettings:
+    return replace(training, **PAPER) if preset == "paper" else training
+
+
+def _to_screen(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
