@@ -59,8 +59,12 @@ def launched(
                 return server
         except httpx.TransportError:
             time.sleep(0.02)
+    ended = process.poll()
     server.kill()
-    raise RuntimeError(f"service: expected it ready within {_PATIENCE:g} s, found it not")
+    raise RuntimeError(
+        f"service: expected it ready within {_PATIENCE:g} s, found it not "
+        f"(status {ended}); {Path(log).read_text() if log else 'no log'}"
+    )
 
 
 def free_port() -> int:

@@ -231,7 +231,7 @@ def test_bytes_that_are_no_http_are_a_problem(server: Server):
 def test_a_full_gate_refuses_at_once_with_a_time_to_wait():
     import asyncio
 
-    async def overload() -> list[object]:
+    async def overload() -> list[BaseException | None]:
         gate = Gate(computing=1, waiting=2)
         tasks = [asyncio.ensure_future(gate.run(lambda: time.sleep(0.05))) for _ in range(6)]
         done = await asyncio.gather(*tasks, return_exceptions=True)
@@ -272,11 +272,11 @@ def test_a_new_run_is_seen_without_restart(http: httpx.Client, local):
 
 
 @pytest.mark.skipif(not hasattr(os, "kill"), reason="no signals here")
-def test_readiness_ends_before_the_service_does(folder: Path, serve: Serve):
+def test_event_streams_end_when_the_service_is_asked_to(folder: Path, serve: Serve):
     server = serve(folder, "--jobs", "1")
     with httpx.Client(base_url=server.url) as http:
         job = http.post(
-            "v1/datasets/drives/runs", json={"estimator": {"kind": "vae", "steps": 3000}}
+            "v1/datasets/drives/runs", json={"estimator": {"kind": "vae", "steps": 300}}
         ).json()["job"]
         with http.stream("GET", f"v1/jobs/{job}/events") as events:
             lines = events.iter_lines()

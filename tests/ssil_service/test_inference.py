@@ -1,0 +1,122 @@
+"""The Open Inference Protocol: what stock clients of KServe and Triton send is answered."""
+
+import json
+
+import httpx
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import ssil_data as sd
+
+LCOR = "v2/models/drives.vae.lcor"
+
+
+@pytest.fixture
+def dataset(scored) -> sd.Dataset:
+    return sd.Store(scored)["drives"]
+
+
+def tensor(name: str, values: np.ndarray, datatype: str = "FP32") -> dict:
+    data = values.reshape(-1).tolist()
+    return {"name": name, "shape": list(values.shape), "datatype": datatype, "data": data}
+
+
+def test_server_and_models_describe_themselves(asked: httpx.Client, dataset: sd.Dataset):
+    assert asked.get("v2/health/live").json()["live"] is True
+    assert asked.get("v2/health/ready").json()["ready"] is True
+    assert asked.get("v2").json()["extensions"] == ["binary_tensor_data"]
+    found = asked.get(LCOR).json()
+    assert found["versions"] == [dataset.version]
+    assert found["inputs"] == [{"name": "states", "datatype": "FP32", "shape": [-1, 3]}]
+    assert asked.get(f"{LCOR}/versions/{dataset.version}/ready").status_code == 200
+    names = [each["name"] for each in asked.get("v2/models/drives.vae").json()["outputs"]]
+    assert names == ["uncertainty", "leverage"]
+
+
+def test_json_tensors_are_answered(asked: httpx.Client, dataset: sd.Dataset, states: np.ndarray):
+    body = {"id": "7", "inputs": [tensor("states", states)]}
+    answer = asked.post(f"{LCOR}/infer", json=body).json()
+    assert (answer["model_name"], answer["id"]) == ("drives.vae.lcor", "7")
+    outputs = {each["name"]: each["data"] for each in answer["outputs"]}
+    expected = dataset.field("vae").lcor(states)
+    assert_array_equal(outputs["values"], expected.values)
+    assert_array_equal(outputs["effective_sample_size"], expected.effective_sample_size)
+    nested = {"inputs": [{**tensor("states", states), "data": states.tolist()}]}
+    again = asked.post(f"{LCOR}/infer", json=nested).json()
+    assert again["outputs"] == answer["outputs"]
+    cor = asked.post("v2/models/drives.vae.cor/infer", json=body).json()["outputs"]
+    assert_array_equal(cor[0]["data"], dataset.field("vae").cor(states))
+
+
+def test_binary_tensors_are_answered_as_triton_sends_them(
+    asked: httpx.Client, dataset: sd.Dataset, states: np.ndarray
+):
+    data = states.tobytes()
+    header = json.dumps(
+        {
+            "inputs": [
+                {
+                    "name": "states",
+                    "shape": list(states.shape),
+                    "datatype": "FP32",
+                    "parameters": {"binary_data_size": len(data)},
+                }
+            ],
+            "outputs": [{"name": "values", "parameters": {"binary_data": True}}],
+        }
+    ).encode()
+    headers = {
+        "Inference-Header-Content-Length": str(len(header)),
+        "Content-Type": "application/octet-stream",
+    }
+    answer = asked.post(f"{LCOR}/infer", content=header + data, headers=headers)
+    assert answer.status_code == 200, answer.text
+    length = int(answer.headers["inference-header-content-length"])
+    (output,) = json.loads(answer.content[:length])["outputs"]
+    values = np.frombuffer(answer.content[length:], "<f8")
+    assert output["parameters"]["binary_data_size"] == values.nbytes
+    assert_array_equal(values, dataset.field("vae").lcor(states).values)
+
+
+def test_an_estimator_scores_pairs(asked: httpx.Client, dataset: sd.Dataset):
+    pairs = dataset.episode(2)
+    inputs = [tensor("states", pairs.states), tensor("actions", pairs.actions)]
+    inputs.append(tensor("episode", pairs.episode, "INT64"))
+    answer = asked.post("v2/models/drives.vae/infer", json={"inputs": inputs}).json()
+    outputs = {each["name"]: each["data"] for each in answer["outputs"]}
+    expected = sd.LeverageModel.of(dataset, "vae")(pairs)
+    assert_array_equal(outputs["leverage"], expected.leverage)
+    assert_array_equal(outputs["uncertainty"], expected.uncertainty)
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({"shape": [1, 4]}, 422),
+        ({"shape": [-1, -3]}, 422),
+        ({"shape": [2**62, 2**62]}, 422),
+        ({"datatype": "BYTES"}, 422),
+        ({"name": "other"}, 422),
+        ({"data": ["1", 2, 3]}, 422),
+        ({"data": [1e300, 2, 3]}, 422),
+        ({"data": [10**400, 2, 3]}, 422),
+        ({"data": None}, 422),
+        ({"parameters": {"binary_data_size": 12}}, 422),
+    ],
+)
+def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
+    change: dict, status: int, asked: httpx.Client
+):
+    given = {"name": "states", "shape": [1, 3], "datatype": "FP32", "data": [1.0, 2.0, 3.0]}
+    answer = asked.post(f"{LCOR}/infer", json={"inputs": [{**given, **change}]})
+    assert answer.status_code == status
+    assert answer.json()["error"] == answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    "name", ["drives", "drives.nope", "nope.vae", "vae.drives", "drives.vae.x"]
+)
+def test_an_unknown_model_or_version_is_not_found(name: str, asked: httpx.Client):
+    assert asked.get(f"v2/models/{name}").status_code == 404
+    assert asked.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
