@@ -1,9 +1,10 @@
 """How many environment steps a second does training make, evaluation included?
 
 Rows train in turns with each other on the racetrack's twin, 32 cars × 64 steps an iteration, torch
-in one thread. stable-baselines3-contrib's TRPO gets the true reward on the same twin: it has no
-discriminator, no second critic and no evaluation. Processor time is what one core would take, wall
-time what the machine took, with whatever else it was doing. Then where an iteration's time goes.
+in one thread. stable-baselines3-contrib's TRPO gets the true reward, on real environments as it
+usually takes them and on the same twin: it has no discriminator, no second critic, no evaluation.
+Processor time is what one core would take, wall time what the machine took, with whatever else it
+was doing. Then where an iteration's time goes.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -27,8 +29,9 @@ from ssil_trainers.labels import expert_return
 from ssil_trainers.methods import METHODS, Demonstrations
 from ssil_trainers.settings import TrainSettings
 from ssil_trainers.stable_baselines import StableBaselinesVecEnv
-from ssil_trainers.tasks import side_by_side
+from ssil_trainers.tasks import side_by_side, single
 from ssil_trainers.training import Job, train
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 import ssil_data as sd
 
@@ -51,11 +54,11 @@ def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
     return Job(method, settings, demonstrations, lambda n: side_by_side("racetrack", n), {}, expert)
 
 
-def rival(steps: int) -> None:
-    """Train sb3-contrib's TRPO on the twin by the true reward."""
+def rival(envs: VecEnv, steps: int) -> None:
+    """Train sb3-contrib's TRPO by the true reward."""
     learner = TRPO(
         "MlpPolicy",
-        StableBaselinesVecEnv(side_by_side("racetrack", 32)),
+        envs,
         n_steps=64,
         batch_size=256,
         seed=0,
@@ -63,6 +66,16 @@ def rival(steps: int) -> None:
         policy_kwargs={"net_arch": {"pi": [64, 64], "vf": [64, 64]}},
     )
     learner.learn(steps)
+
+
+def twin() -> VecEnv:
+    """Return 32 cars of the twin."""
+    return StableBaselinesVecEnv(side_by_side("racetrack", 32))
+
+
+def real() -> VecEnv:
+    """Return 32 real environments, stepped one by one as is usual."""
+    return DummyVecEnv([partial(single, "racetrack")] * 32)
 
 
 def rows(dataset: sd.Dataset) -> dict[str, Callable[[int], object]]:
@@ -78,12 +91,13 @@ def rows(dataset: sd.Dataset) -> dict[str, Callable[[int], object]]:
         "GAIL, evaluated at its ends alone": ours("gail", evaluate_every=10_000),
         "MixGAIL": ours("mixgail"),
         f"SSIL, {len(dataset):,} demonstrations": ours("ssil"),
-        "sb3-contrib TRPO, true reward": rival,
+        "sb3-contrib TRPO, real environments": lambda steps: rival(real(), steps),
+        "sb3-contrib TRPO on the twin": lambda steps: rival(twin(), steps),
     }
 
 
 def print_speeds(compared: dict[str, Callable[[int], object]]) -> None:
-    """Print steps a second, medians over interleaved rounds, and their ratios to the rival's."""
+    """Print steps a second, medians over interleaved rounds, and their ratios to the last row's."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in compared}
     for run in compared.values():
         run(4_096)
@@ -98,7 +112,7 @@ def print_speeds(compared: dict[str, Callable[[int], object]]) -> None:
         for name, rates in found.items()
     }
     (*_, rival_rate) = median.values()
-    print(f"{STEPS:,} steps, medians of {ROUNDS} interleaved rounds, steps/s (× sb3-contrib)")
+    print(f"{STEPS:,} steps, medians of {ROUNDS} interleaved rounds, steps/s (× the last)")
     print(f"{'':>36}{'processor time':>22}{'wall time':>22}")
     for name, rates in median.items():
         cells = (f"{r:,.0f} ({r / b:.1f})" for r, b in zip(rates, rival_rate, strict=True))
