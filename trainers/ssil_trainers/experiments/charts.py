@@ -81,7 +81,7 @@ def finals(table: Table, results: Results) -> Spec:
             )
     order = [row.title for row in table.rows]
     place = alt.Y("method:N", sort=order, title=None)
-    base = alt.Chart(alt.NamedData("finals")).encode(y=place, color=_colour(table, legend=False))
+    base = alt.Chart().encode(y=place, color=_colour(table, legend=False))
     interval = base.mark_rule(strokeWidth=3, opacity=0.6).encode(
         x=alt.X("low:Q", title="Score on the real environment"), x2="high:Q"
     )
@@ -109,7 +109,9 @@ def _colour(table: Table, *, legend: bool = True) -> alt.Color:
         domain=[row.title for row in table.rows],
         range=[_COLOURS.get(row.key, _OTHER) for row in table.rows],
     )
-    shown = alt.Legend(title="Click one to see it alone", orient="right") if legend else None
+    shown = None
+    if legend:
+        shown = alt.Legend(title="Click one to see it alone", symbolOpacity=1, symbolType="square")
     return alt.Color("method:N", scale=scale, legend=shown)
 
 

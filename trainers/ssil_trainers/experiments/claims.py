@@ -103,7 +103,7 @@ def claims() -> Iterator[Claim]:
         rule = Exceeds(RC_LIDAR.name, None, better, worse, factor)
         yield Claim(f"RC car: {_sentence(rule)}", "RC car experimental results", rule)
     for steadier, other in _RC_STEADIER:
-        statement = f"RC car: {_TITLES[steadier]} deviates less than {_TITLES[other]}"
+        statement = f"RC car: {_title(steadier, None)} deviates less than {_title(other, None)}"
         rule = Steadier(RC_LIDAR.name, None, steadier, other)
         yield Claim(statement, "RC car experimental results", rule)
 
@@ -142,4 +142,10 @@ def _scarce_labels() -> Iterator[Claim]:
 def _sentence(rule: Exceeds) -> str:
     more = rule.factor - 1
     by = f" by {more:.0%}" if more >= 0.1 else f" by {more:.1%}" if more > 0 else ""
-    return f"{_TITLES[rule.better]} scores higher than {_TITLES[rule.worse]}{by}"
+    better, worse = (_title(key, rule.labels) for key in (rule.better, rule.worse))
+    return f"{better} scores higher than {worse}{by}"
+
+
+def _title(key: str, labels: int | None) -> str:
+    """Name a row; with one number of labels there is one GAIL."""
+    return "GAIL" if key == "gail" and labels is None else _TITLES[key]

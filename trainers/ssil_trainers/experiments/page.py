@@ -41,14 +41,24 @@ def page(
         "preset": plan.preset,
         "hours": f"{seconds / 60:,.0f} min on one core",
         "verdicts": verdicts,
-        "tables": [_table(plan, table, results) for table in plan.tables],
-        "leverage": results.leverage_rows(),
+        "tables": plan.tables,
+        "sections": _sections(plan, results),
         "claims": claims,
         "controls": controls,
         "settings": _settings(plan),
         "made_by": made_by,
     }
     return _rendered(context)
+
+
+def _sections(plan: Plan, results: Results) -> list[dict[str, Any]]:
+    """Return what stands in each table's section, in the order of their titles."""
+    found = [_table(plan, table, results) for table in plan.tables]
+    leverage = results.leverage_rows()
+    if leverage:
+        title = "Table II: leverage by quality of the demonstrations"
+        found.append({"name": "leverage", "title": title, "leverage": leverage})
+    return sorted(found, key=lambda section: section["title"])
 
 
 def _table(plan: Plan, table: Table, results: Results) -> dict[str, Any]:

@@ -36,8 +36,8 @@ from ssil_trainers.settings import TrainSettings
 class Plan:
     """What is to be run, in which store, and where results go.
 
-    leverage: the dataset of the table of leverage by tier, None for no such table. budget: steps of
-    each training run instead of the tables' own.
+    leverage: the dataset of the table of leverage by tier, None for no such table, and `estimators`
+    its rows. budget: steps of each training run instead of the tables' own.
     """
 
     tables: tuple[Table, ...]
@@ -49,6 +49,7 @@ class Plan:
     source: Store
     output: Path
     work: Path
+    estimators: tuple[str, ...] = ESTIMATORS
 
     @cached_property
     def tasks(self) -> list[Task]:
@@ -77,7 +78,7 @@ class Plan:
             self._scoring(self.leverage, preset, estimator, seed)
             for seed in self.seeds
             for preset in LEVERAGE_PRESETS
-            for estimator in ESTIMATORS
+            for estimator in self.estimators
         ]
 
     def _scoring(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:

@@ -113,7 +113,8 @@ class Results:
         """Return each method's interquartile mean over all labels, with its stratified interval."""
         made = []
         for row in table.rows:
-            strata = [self.scores(table, row, labels) for labels in table.labels]
+            counted = table.labels if row.labeled else table.labels[:1]
+            strata = [self.scores(table, row, labels) for labels in counted]
             if all(len(stratum) for stratum in strata):
                 low, high = interval(strata)
                 middle = interquartile_mean(np.concatenate(strata))

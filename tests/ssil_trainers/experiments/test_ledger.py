@@ -1,0 +1,126 @@
+"""The rules on numbers made by hand, and the paper's claims beside its own tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ssil_trainers.experiments import paper
+from ssil_trainers.experiments.claims import claims, controls
+from ssil_trainers.experiments.ledger import Exceeds, Numbers, Rises, Steadier, Verdict
+from ssil_trainers.experiments.protocol import ESTIMATORS, RACETRACK, RC_LIDAR
+
+LOW, MIDDLE, HIGH = [0.48, 0.50, 0.52], [0.2, 0.5, 0.8], [0.98, 1.0, 1.02]
+
+
+def numbers(first: list[float], second: list[float]) -> Numbers:
+    scores = {("t", 100, "a"): np.array(first), ("t", 100, "b"): np.array(second)}
+    return Numbers(scores=scores)
+
+
+def exceeds(first: list[float], second: list[float], factor: float = 1.0) -> Verdict:
+    return Exceeds("t", 100, "a", "b", factor)(numbers(first, second)).verdict
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "factor", "verdict"),
+    [
+        (HIGH, LOW, 1.0, Verdict.REPRODUCED),
+        (HIGH, LOW, 2.0, Verdict.REPRODUCED),
+        (HIGH, LOW, 1.2, Verdict.REPRODUCED),
+        (HIGH, LOW, 3.0, Verdict.NOT_REPRODUCED),
+        (LOW, HIGH, 1.0, Verdict.CONTRADICTED),
+        (LOW, HIGH, 3.0, Verdict.CONTRADICTED),
+        (MIDDLE, LOW, 1.0, Verdict.NOT_REPRODUCED),
+        (LOW, LOW, 1.0, Verdict.NOT_REPRODUCED),
+        (HIGH[:2], LOW, 1.0, Verdict.NOT_JUDGED),
+        (HIGH, [], 1.0, Verdict.NOT_JUDGED),
+    ],
+)
+def test_an_ordering_is_judged_by_its_support_and_its_size(
+    first: list[float], second: list[float], factor: float, verdict: Verdict
+):
+    assert exceeds(first, second, factor) is verdict
+
+
+def test_an_ordering_names_the_numbers_it_was_judged_by():
+    found = Exceeds("t", 100, "a", "b", 3.0)(numbers(HIGH, LOW))
+    assert "1.000 ± 0.020 (3 seeds) against 0.500 ± 0.020 (3 seeds)" in found.by
+    assert "100%" in found.by and "less than claimed" in found.by
+
+
+def test_what_was_not_run_is_not_judged():
+    found = Exceeds("t", 100, "a", "missing")(numbers(HIGH, LOW))
+    assert found.verdict is Verdict.NOT_JUDGED
+    assert "found 0" in found.by
+
+
+def steadier(first: list[float], second: list[float]) -> Verdict:
+    return Steadier("t", 100, "a", "b")(numbers(first, second)).verdict
+
+
+def test_a_deviation_is_judged_by_resampled_deviations():
+    steady = list(np.linspace(0.99, 1.01, 10))
+    shaky = list(np.linspace(0.1, 1.0, 10))
+    assert steadier(steady, shaky) is Verdict.REPRODUCED
+    assert steadier(shaky, steady) is Verdict.CONTRADICTED
+    assert steadier(shaky, shaky) is Verdict.NOT_REPRODUCED
+    assert steadier([1.0, 1.0], shaky) is Verdict.NOT_JUDGED
+
+
+@pytest.mark.parametrize(
+    ("tiers", "verdict"),
+    [
+        ([[0.1, 0.2, 0.3], [0.1, 0.4, 0.5], [0.0, 0.1, 0.9]], Verdict.REPRODUCED),
+        ([[0.1, 0.2, 0.3], [0.1, 0.4, 0.3], [0.0, 0.1, 0.9]], Verdict.NOT_REPRODUCED),
+        ([[0.3, 0.2, 0.1], [0.1, 0.2, 0.1], [0.9, 0.1, 0.0]], Verdict.CONTRADICTED),
+        ([[0.1, 0.2, 0.3]], Verdict.NOT_JUDGED),
+    ],
+)
+def test_a_rise_must_hold_in_every_seed(tiers: list[list[float]], verdict: Verdict):
+    assert Rises("vae")(Numbers(tiers={"vae": np.array(tiers)})).verdict is verdict
+
+
+def test_a_rise_of_an_estimator_that_was_not_run_is_not_judged():
+    assert Rises("vae")(Numbers()).verdict is Verdict.NOT_JUDGED
+
+
+def test_every_claim_is_about_numbers_that_the_tables_have():
+    tables = {table.name: table for table in (RACETRACK, RC_LIDAR)}
+    for claim in (*claims(), *controls()):
+        rule = claim.rule
+        if isinstance(rule, Rises):
+            assert rule.estimator in ESTIMATORS
+            continue
+        assert isinstance(rule, Exceeds | Steadier)
+        keys = (
+            (rule.better, rule.worse) if isinstance(rule, Exceeds) else (rule.steadier, rule.other)
+        )
+        assert rule.labels in tables[rule.table].labels
+        for key in keys:
+            assert key in {row.key for row in tables[rule.table].rows}, claim
+
+
+def test_a_claimed_factor_is_that_of_the_papers_table_unless_a_note_says_otherwise():
+    for claim in claims():
+        rule = claim.rule
+        if isinstance(rule, Exceeds) and not claim.note:
+            better, worse = (
+                paper.SCORES[rule.table, rule.labels, key][0] for key in (rule.better, rule.worse)
+            )
+            assert better > worse, claim
+            assert rule.factor == 1.0 or better / worse == pytest.approx(rule.factor, rel=2e-3)
+
+
+def test_claimed_deviations_are_lower_in_the_papers_table():
+    for claim in claims():
+        rule = claim.rule
+        if isinstance(rule, Steadier):
+            first, second = (
+                paper.SCORES[rule.table, rule.labels, key][1] for key in (rule.steadier, rule.other)
+            )
+            assert first < second, claim
+
+
+def test_statements_differ():
+    statements = [claim.statement for claim in (*claims(), *controls())]
+    assert len(set(statements)) == len(statements)

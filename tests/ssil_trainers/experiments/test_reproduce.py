@@ -1,0 +1,239 @@
+"""Cells end to end on a small store: run, resumed, made again when stale, and put on a page."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import os
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import vl_convert
+from ssil_trainers.experiments import reproduce as command
+from ssil_trainers.experiments.plan import Plan
+from ssil_trainers.experiments.pool import pool
+from ssil_trainers.experiments.protocol import Row, Table
+from ssil_trainers.experiments.publishing import publish
+from ssil_trainers.experiments.results import Results
+from ssil_trainers.settings import TrainSettings
+
+from ssil_data.cli import main
+from ssil_data.demonstrations import Episode
+from ssil_data.store import Store
+
+SMALL = TrainSettings(
+    environments=2, horizon=16, hidden=8, boundary=2, evaluations=1, cloning_steps=5
+)
+SWINGS = Table(
+    name="swings",
+    title="Table I: swings",
+    dataset="swings",
+    train_on="Pendulum-v1",
+    tests=("Pendulum-v1", "Pendulum-v1?g=9.0"),
+    labels=(40, 80),
+    rows=(
+        Row("gail", "GAIL"),
+        Row("ssil", "SSIL (VAE)", "vae"),
+        Row("constant", "constant", labeled=False),
+        Row("clone", "clone"),
+    ),
+    budget=64,
+    evaluate_every=1,
+    full_score=-1000.0,
+    episodes=2,
+)
+
+
+def swings(store: Store) -> None:
+    """Make a dataset for Pendulum with every tier; what is learned from it does not matter."""
+    rng = np.random.default_rng(0)
+    tiers = ["expert", "expert", "0-25", "25-50", "50-75", "expert"]
+    episodes = [
+        Episode(
+            rng.normal(0, 1 + (tier != "expert"), (40, 3)).astype(np.float32),
+            rng.uniform(-2, 2, (40, 1)).astype(np.float32),
+            labeled=number < 2,
+            tier=tier,
+        )
+        for number, tier in enumerate(tiers)
+    ]
+    store.create("swings", episodes, state_names=["cos", "sin", "speed"], action_names=["torque"])
+
+
+def files(folder: Path) -> dict[str, int]:
+    return {str(p): p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    """A plan of one seed whose cells are all done, and published."""
+    folder = tmp_path_factory.mktemp("reproduction")
+    store = Store(folder / "store")
+    swings(store)
+    plan = Plan(
+        tables=(SWINGS,),
+        leverage="swings",
+        seeds=(0,),
+        preset="default",
+        training=SMALL,
+        budget=None,
+        source=store,
+        output=folder / "out",
+        work=folder / "out" / "work",
+        estimators=("vae",),
+    )
+    before = files(folder / "store")
+    lines: list[str] = []
+    publish(plan, command.run(plan, workers=1, tell=lines.append))
+    assert files(folder / "store") == before
+    assert lines[0] == "0 of 9 cells are done already"
+    assert lines[-1].startswith("cell 9 of 9")
+    return plan
+
+
+def done(plan: Plan) -> Results:
+    found = [task.result() for task in plan.tasks]
+    assert None not in found
+    return Results([result for result in found if result is not None])
+
+
+def test_every_cell_has_a_file_with_its_score_curve_and_identity(small: Plan):
+    names = {path.stem for path in (small.output / "cells").iterdir()}
+    trained = {f"swings-{m}-{n}-labels-seed-0" for m in ("gail", "clone") for n in (40, 80)}
+    scored = {f"leverage-{preset}-vae-seed-0" for preset in ("default", "paper")}
+    ssil = {f"swings-ssil-vae-{n}-labels-seed-0" for n in (40, 80)}
+    assert names == trained | scored | ssil | {"swings-constant-seed-0"}
+    cell = json.loads((small.output / "cells" / "swings-gail-40-labels-seed-0.json").read_text())
+    assert [row["steps"] for row in cell["curve"]] == [0, 32, 64]
+    returns = [found["returns"] for found in cell["tests"].values()]
+    assert np.shape(returns) == (2, 2)
+    assert cell["score"] == pytest.approx(np.mean(returns) / -1000)
+    assert cell["identity"]["dataset_version"] == small.source["swings"].version
+    assert cell["identity"]["training"]["environments"] == 2
+
+
+def test_a_second_call_runs_nothing(small: Plan, monkeypatch: pytest.MonkeyPatch):
+    before = files(small.output / "cells")
+    monkeypatch.setattr(command, "pool", lambda workers: pytest.fail("something was run"))
+    assert len(command.run(replace(small), workers=1, tell=lambda line: None).records) == 9
+    assert files(small.output / "cells") == before
+
+
+def test_a_cell_of_other_settings_data_or_code_is_not_taken_for_done(small: Plan):
+    for other in (
+        replace(small, training=replace(small.training, kl=0.02)),
+        replace(small, budget=96),
+        replace(small, preset="paper"),
+        replace(small, tables=(replace(SWINGS, episodes=3),)),
+    ):
+        missing = {task.cell.method for task in other.tasks if task.result() is None}
+        assert "ssil" in missing
+    task = next(task for task in small.tasks if task.cell.method == "gail")
+    for name in ("code", "versions", "dataset_version"):
+        assert replace(task, identity={**task.identity, name: "other"}).result() is None
+    assert task.result() is not None
+
+
+def test_a_setting_that_a_method_does_not_have_leaves_its_cells_as_they_are(small: Plan):
+    other = replace(small, budget=96)
+    clone = [task for task in other.tasks if task.cell.method == "clone"]
+    assert clone
+    assert all(task.result() is not None for task in clone)
+
+
+def test_what_does_not_depend_on_labels_is_run_once_and_stands_beside_all(small: Plan):
+    rows = done(small).rows(SWINGS)
+    constant = [row for row in rows if row["method"] == "constant"]
+    assert [row["labels"] for row in constant] == [40, 80]
+    assert constant[0]["mean"] == constant[1]["mean"]
+
+
+def test_tables_are_written_as_csv_with_settings_and_versions(small: Plan):
+    def read(name: str) -> list[dict[str, str]]:
+        return list(csv.DictReader((small.output / name).read_text().splitlines()))
+
+    assert {row["method"] for row in read("swings.csv")} == {
+        "gail",
+        "ssil-vae",
+        "constant",
+        "clone",
+    }
+    assert {row["preset"] for row in read("leverage.csv")} == {"default", "paper"}
+    assert {row["verdict"] for row in read("ledger.csv")} == {"not judged"}
+    assert len([row for row in read("curves.csv") if row["method"] == "gail"]) == 2 * 3
+    settings = json.loads((small.output / "settings.json").read_text())
+    assert settings["tables"]["swings"]["training"]["steps"] == 64
+    assert settings["versions"]["numpy"] == np.__version__
+    assert settings["processor"]["architecture"]
+    for name in ("index.html", "settings.json", "swings.csv"):
+        assert str(small.output) not in (small.output / name).read_text()
+
+
+def test_the_page_has_every_table_and_asks_no_network_for_anything(small: Plan):
+    html = (small.output / "index.html").read_text()
+    for title in ("Table I: swings", "Table II", "Ledger", "Controls", "SSIL (VAE)", "discount"):
+        assert title in html
+    seen = html.split("<script>")[0]
+    assert not re.search(r"<(link|img|iframe|base|object|embed)\b", seen)
+    assert set(re.findall(r'(?:src|href|action)="([^"]*)"', seen)) == {
+        "#swings",
+        "#leverage",
+        "#ledger",
+        "#controls",
+        "#settings",
+    }
+    assert "default-src 'none'" in html
+    style = html[html.index("<style>") : html.index("</style>")]
+    assert "url(" not in style and "@import" not in style
+
+
+def test_every_chart_draws_a_panel_for_each_number_of_labels(small: Plan):
+    html = (small.output / "index.html").read_text()
+    specs = re.findall(r'<script type="application/json">(.*?)</script>', html)
+    assert len(specs) == 2
+    for spec, heading in zip(specs, ("Final scores", "Learning curves"), strict=True):
+        svg = vl_convert.vegalite_to_svg(json.loads(spec))
+        assert heading in svg
+        for text in ("40 labels", "80 labels", "SSIL (VAE)"):
+            assert f">{text}</text>" in svg
+
+
+def test_workers_have_one_thread_and_one_core_and_are_broken_off_by_a_stop():
+    before, children = os.environ.get("OMP_NUM_THREADS"), []
+    with pytest.raises(KeyboardInterrupt), pool(1) as executor:
+        assert executor.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+        assert executor.submit(torch.get_num_threads).result() == 1
+        if hasattr(os, "sched_getaffinity"):
+            assert len(executor.submit(os.sched_getaffinity, 0).result()) == 1
+        children = multiprocessing.active_children()
+        sleeping = executor.submit(time.sleep, 600)
+        while not sleeping.running():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert children
+    assert not any(child.is_alive() for child in children)
+    assert os.environ.get("OMP_NUM_THREADS") == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--seeds", "0"], "seeds: expected at least 1"),
+        (["--labels", "7"], "labels: expected some of"),
+        (["--methods", "magic"], "methods: expected some of"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit) as left:
+        main(["reproduce", *words, "-o", str(tmp_path / "out")])
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
