@@ -8,6 +8,8 @@ small questions beside a bare FastAPI echo of the same payload; the time to `/re
 from __future__ import annotations
 
 import asyncio
+import json
+import os
 import shutil
 import statistics
 import subprocess
@@ -15,19 +17,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
 import numpy as np
 from ssil_service import embedded
 from ssil_service.launching import Server, free_port, launched
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
-from ssil_data.client.wire import ARROW, encoded, states_table
+from ssil_data.client.wire import ARROW, JSON, encoded, states_table
 
 ROUNDS = 15
-CLIENTS, REQUESTS = 64, 40
+CLIENTS, REQUESTS = 64, 25
 LCOR = "/v1/datasets/racetrack/runs/windowvae/lcor"
 COR = "/v1/datasets/racetrack/runs/windowvae/cor"
 
@@ -35,14 +37,22 @@ ECHO = """
 import sys
 import uvicorn
 from fastapi import FastAPI, Request, Response
+from pydantic import BaseModel
 
 app = FastAPI()
+
+class States(BaseModel):
+    states: list[list[float]]
+
+@app.post("/typed")
+async def typed(states: States) -> States:
+    return states
 
 @app.post("/echo")
 async def echo(request: Request) -> Response:
     return Response(await request.body(), media_type="application/octet-stream")
 
-uvicorn.run(app, port=int(sys.argv[1]), log_level="error", access_log=False, http="h11", loop="asyncio")
+uvicorn.run(app, port=int(sys.argv[1]), log_level="error", http="h11", loop="asyncio")
 """
 
 
@@ -78,7 +88,7 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
     assert np.array_equal(over_socket.lcor(states).values, field.lcor(states).values)
     assert np.array_equal(over_memory.lcor(states).values, field.lcor(states).values)
     table(
-        f"LCoR of {len(states):,} states, {len(field.states):,} demonstrations, alpha {field.alpha:.0f}",
+        f"LCoR of {len(states):,} states, {len(field.states):,} demonstrations",
         interleaved(
             {
                 "in process": lambda: field.lcor(states),
@@ -110,34 +120,53 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
     )
 
 
-async def crowd(url: str, path: str, body: bytes) -> tuple[list[float], float, int, int]:
-    """Let 64 clients ask at once: latencies of answers, answers a second, refusals, errors."""
-    latencies: list[float] = []
-    refused = failed = 0
+@dataclass
+class Crowd:
+    """What 64 clients that asked at once saw, and what it cost the server."""
 
-    async def client(http: httpx.AsyncClient) -> None:
-        nonlocal refused, failed
+    latencies: list[float]
+    seconds: float
+    processor: float
+    refused: int = 0
+    failed: int = 0
+
+
+async def crowd(port: int, process: int, path: str, media: str, body: bytes) -> Crowd:
+    """Ask from 64 connections; the clients speak HTTP by hand, to cost little themselves."""
+    head = (
+        f"POST {path} HTTP/1.1\r\nHost: a\r\nContent-Type: {media}\r\nAccept: {media}\r\n"
+        f"Content-Length: {len(body)}\r\n\r\n"
+    ).encode()
+    found = Crowd([], 0.0, 0.0)
+
+    async def client() -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for _ in range(REQUESTS):
             begin = time.perf_counter()
-            try:
-                answer = await http.post(path, content=body, headers={"Content-Type": ARROW})
-            except httpx.HTTPError:
-                failed += 1
-                continue
-            if answer.status_code == 200:
-                latencies.append(time.perf_counter() - begin)
-            elif answer.status_code in (429, 503):
-                refused += 1
+            writer.write(head + body)
+            answer = await reader.readuntil(b"\r\n\r\n")
+            length = int(answer.lower().split(b"content-length: ")[1].split(b"\r\n")[0])
+            await reader.readexactly(length)
+            status = answer.split(b" ", 2)[1]
+            if status == b"200":
+                found.latencies.append(time.perf_counter() - begin)
+            elif status in (b"429", b"503"):
+                found.refused += 1
             else:
-                failed += 1
+                found.failed += 1
+        writer.close()
 
-    limits = httpx.Limits(max_connections=CLIENTS, max_keepalive_connections=CLIENTS)
-    async with httpx.AsyncClient(base_url=url, limits=limits, timeout=60) as http:
-        await http.post(path, content=body, headers={"Content-Type": ARROW})
-        begin = time.perf_counter()
-        await asyncio.gather(*(client(http) for _ in range(CLIENTS)))
-        seconds = time.perf_counter() - begin
-    return latencies, len(latencies) / seconds, refused, failed
+    begin, used = time.perf_counter(), processor_seconds(process)
+    await asyncio.gather(*(client() for _ in range(CLIENTS)))
+    found.seconds = time.perf_counter() - begin
+    found.processor = processor_seconds(process) - used
+    return found
+
+
+def processor_seconds(process: int) -> float:
+    """Return the processor time that a process has taken, from /proc."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def concurrent(store: Path, server: Server) -> None:
@@ -145,31 +174,41 @@ def concurrent(store: Path, server: Server) -> None:
     port = free_port()
     echo = subprocess.Popen([sys.executable, "-c", ECHO, str(port)])
     states = sd.Store(store)["racetrack"].pairs().states
+    served = int(server.url.rpartition(":")[2])
+    some = states[:8]
+    arrow = (ARROW, encoded(states_table(some)).to_pybytes())
+    one = (ARROW, encoded(states_table(some[:1])).to_pybytes())
+    text = (JSON, json.dumps({"states": some.tolist()}).encode())
+    mine, theirs = (served, server.process.pid), (port, echo.pid)
     asked = {
-        "bare FastAPI echo": (f"http://127.0.0.1:{port}", "/echo", 8),
-        "CoR of 8 states": (server.url, COR, 8),
-        "LCoR of 1 state": (server.url, LCOR, 1),
-        "LCoR of 8 states": (server.url, LCOR, 8),
+        "echo of bytes": (*theirs, "/echo", *arrow),
+        "CoR of 8, Arrow": (*mine, COR, *arrow),
+        "LCoR of 1, Arrow": (*mine, LCOR, *one),
+        "LCoR of 8, Arrow": (*mine, LCOR, *arrow),
+        "echo of typed JSON": (*theirs, "/typed", *text),
+        "CoR of 8, JSON": (*mine, COR, *text),
     }
     time.sleep(2)
-    found: dict[str, list[tuple[list[float], float, int, int]]] = {name: [] for name in asked}
-    for _ in range(3):
-        for name, (url, path, rows) in asked.items():
-            body = encoded(states_table(states[:rows])).to_pybytes()
-            found[name].append(asyncio.run(crowd(url, path, body)))
+    found: dict[str, list[Crowd]] = {name: [] for name in asked}
+    for _ in range(4):
+        for name, question in asked.items():
+            found[name].append(asyncio.run(crowd(*question)))
     echo.kill()
-    print(f"\n{CLIENTS} clients at once, {CLIENTS * REQUESTS:,} questions each of 3 rounds")
-    head = ("", "median ms", "p99 ms", "p99/median", "answers/s", "of echo", "refused", "errors")
-    print(f"  {head[0]:<20}" + "".join(f"{each:>12}" for each in head[1:]))
-    base = statistics.median(rate for _, rate, _, _ in found["bare FastAPI echo"])
-    for name, rounds in found.items():
-        latencies = sorted(each for one in rounds for each in one[0])
+    print(f"\n{CLIENTS} clients at once, 3 rounds of {CLIENTS * REQUESTS:,} questions each")
+    head = ("median ms", "p99 ms", "p99/median", "answers/s", "of echo", "cpu ms", "of echo")
+    print(f"  {'':<20}" + "".join(f"{each:>12}" for each in (*head, "refused", "errors")))
+    base: list[float] = []
+    for name, (_, *rounds) in found.items():
+        latencies = sorted(each for one in rounds for each in one.latencies)
         median, worst = statistics.median(latencies), latencies[int(0.99 * len(latencies))]
-        rate = statistics.median(rate for _, rate, _, _ in rounds)
-        refused, failed = sum(one[2] for one in rounds), sum(one[3] for one in rounds)
-        numbers = (1000 * median, 1000 * worst, worst / median, rate, rate / base)
+        rate = statistics.median(len(one.latencies) / one.seconds for one in rounds)
+        cost = statistics.median(one.processor / len(one.latencies) for one in rounds)
+        base = [rate, cost] if name.startswith("echo") else base
+        numbers = (1000 * median, 1000 * worst, worst / median, rate, rate / base[0])
+        numbers += (1000 * cost, cost / base[1])
+        counts = (sum(one.refused for one in rounds), sum(one.failed for one in rounds))
         cells = "".join(f"{each:>12.2f}" for each in numbers)
-        print(f"  {name:<20}{cells}{refused:>12}{failed:>12}")
+        print(f"  {name:<20}{cells}{counts[0]:>12}{counts[1]:>12}")
 
 
 def start(store: Path) -> None:

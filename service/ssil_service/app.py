@@ -52,12 +52,12 @@ def create_app(settings: Settings) -> Edge:
     if keys:
         read = {"dependencies": [Depends(may_read)], "responses": problems(401)}
         write = {"dependencies": [Depends(may_write)], "responses": problems(401, 403)}
-    for each in (health, inference):
-        app.include_router(each.open_router)
-    for each in (health, datasets, runs, queries, jobs, inference):
+    for each in (queries, health, datasets, runs, jobs, inference):  # the busiest is tried first
         app.include_router(each.router, **read)
     for each in (uploads, runs, jobs):
         app.include_router(each.writing, **write)
+    for each in (health, inference):
+        app.include_router(each.open_router)
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
     app.openapi = lambda: described(app)

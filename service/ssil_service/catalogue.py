@@ -8,7 +8,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -151,12 +151,11 @@ class Catalogue:
 
     def _token(self, name: str) -> Any:
         """Return what changes with the dataset: read before it is opened, so never too new."""
-        folder = self.store.folder.local
         now = time.time()
-        if folder is None:
+        logs = _logs(self.store.folder.local, name)
+        if not logs:
             return int(now / _TRUSTED)
-        tables = (folder / name / table / "_delta_log" for table in ("episodes", "leverage"))
-        times = [_changed(table, now) for table in tables]
+        times = [_changed(log, now) for log in logs]
         # a time so fresh that the next change might share it is like no other
         return secrets.token_bytes(8) if None in times else tuple(times)
 
@@ -227,6 +226,14 @@ class Catalogue:
             return all((self.store.folder / name).exists(CARD) for name in self.names()[:1])
         except (OSError, SsilDataError):
             return False
+
+
+@lru_cache(1024)
+def _logs(store: Path | None, name: str) -> tuple[Path, ...]:
+    """Return the folders of a dataset's logs, which are looked at for every question."""
+    if store is None:
+        return ()
+    return tuple(store / name / table / "_delta_log" for table in ("episodes", "leverage"))
 
 
 def _changed(folder: Path, now: float) -> tuple[int, int] | None:

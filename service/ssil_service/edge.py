@@ -37,6 +37,7 @@ class Edge:
         self.settings = settings
         self.metrics = metrics
         self.in_flight = 0
+        metrics.count_in_flight(lambda: self.in_flight)
 
     def leave(self) -> None:
         """Tell the application that it is about to end."""
@@ -50,7 +51,6 @@ class Edge:
             await self.app(scope, receive, send)
             return
         self.in_flight += 1
-        self.metrics.in_flight(self.in_flight)
         exchange = _Exchange(scope, receive, send, self.settings)
         try:
             if self.in_flight > self.settings.requests and scope["path"] not in _OPEN:
@@ -75,7 +75,6 @@ class Edge:
         route = getattr(exchange.scope.get("route"), "path", "none")
         method = exchange.scope["method"] if route != "none" else "any"
         status = exchange.status or 499
-        self.metrics.in_flight(self.in_flight)
         self.metrics.answered(method, route, status, seconds)
         told(
             "answered",
@@ -117,7 +116,8 @@ class _Exchange:
         allowed = self._settings.body_seconds + self.received / _SLOWEST
         left = self.begin + allowed - time.perf_counter()
         try:
-            message = await asyncio.wait_for(self._receive(), max(0.0, min(_IDLE, left)))
+            async with asyncio.timeout(max(0.0, min(_IDLE, left))):
+                message = await self._receive()
         except TimeoutError:
             raise Problem(
                 408, "body: expected it sooner, found the client too slow", headers=_CLOSE
@@ -136,7 +136,10 @@ class _Exchange:
             headers["X-Request-ID"] = self.id
             headers["X-Content-Type-Options"] = "nosniff"
             headers.setdefault("Cache-Control", "no-cache")
-        await asyncio.wait_for(self._send(message), self._settings.send_seconds)
+            await self._send(message)  # the head waits for nobody
+            return
+        async with asyncio.timeout(self._settings.send_seconds):
+            await self._send(message)
 
     async def answer(self, problem: Problem) -> None:
         """Answer with a problem, if nothing was answered yet."""

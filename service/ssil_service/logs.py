@@ -38,6 +38,9 @@ def start_logging(level: str) -> None:
     """Send all logs of the process to standard error as lines of JSON."""
     handler = logging.StreamHandler()
     handler.setFormatter(_Lines())
+    # what a line does not show is not looked for
+    logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
+    logging.logAsyncioTasks = False
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())

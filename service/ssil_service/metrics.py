@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 
@@ -17,6 +19,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
+        self._known: dict[tuple[str, str, int], Histogram] = {}
         labels = ("method", "route", "status")
         self._latency = Histogram(
             "ssil_request_seconds",
@@ -35,15 +38,18 @@ class Metrics:
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count and time an answer."""
-        self._latency.labels(method, route, str(status)).observe(seconds)
+        key = (method, route, status)
+        if key not in self._known:  # finding the labels takes longer than counting
+            self._known[key] = self._latency.labels(method, route, str(status))
+        self._known[key].observe(seconds)
 
     def rows(self, route: str, count: int) -> None:
         """Count the rows of a question."""
         self._rows.labels(route).inc(count)
 
-    def in_flight(self, count: int) -> None:
-        """Tell how many requests are not yet answered."""
-        self._in_flight.set(count)
+    def count_in_flight(self, read: Callable[[], int]) -> None:
+        """Read how many requests are not yet answered whenever the metrics are asked for."""
+        self._in_flight.set_function(read)
 
     def jobs(self, counts: dict[str, int]) -> None:
         """Tell how many jobs are in each state."""

@@ -15,6 +15,9 @@ JSON = "application/json"
 ARROW = "application/vnd.apache.arrow.stream"
 PARQUET = "application/vnd.apache.parquet"
 
+_OPTIONS = pa.ipc.IpcWriteOptions()
+"""Made once: pyarrow looks through the environment whenever it makes them."""
+
 IDEMPOTENCY = "Idempotency-Key"
 """A job asked for twice under one such key is made once."""
 
@@ -22,7 +25,7 @@ IDEMPOTENCY = "Idempotency-Key"
 def encoded(table: pa.Table) -> pa.Buffer:
     """Return a table as an Arrow IPC stream."""
     sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, table.schema) as stream:
+    with pa.ipc.new_stream(sink, table.schema, options=_OPTIONS) as stream:
         stream.write_table(table)
     return sink.getvalue()
 
