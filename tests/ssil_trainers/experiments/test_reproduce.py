@@ -10,18 +10,24 @@ import re
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 import torch
 import vl_convert
+from ssil_trainers.envs.rc_lidar import RCLidarEnv
 from ssil_trainers.experiments import reproduce as command
+from ssil_trainers.experiments.cells import FIRST_TEST_SEED
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.pool import pool
-from ssil_trainers.experiments.protocol import Row, Table
+from ssil_trainers.experiments.protocol import RC_LIDAR, Row, Table
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
+from ssil_trainers.rc_demonstrations import RCSettings
+from ssil_trainers.rc_driver import Pursuit
 from ssil_trainers.settings import TrainSettings
+from ssil_trainers.tasks import single
 
 from ssil_data.cli import main
 from ssil_data.demonstrations import Episode
@@ -219,6 +225,18 @@ def test_workers_have_one_thread_and_one_core_and_are_broken_off_by_a_stop():
     assert children
     assert not any(child.is_alive() for child in children)
     assert os.environ.get("OMP_NUM_THREADS") == before
+
+
+def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_track():
+    for test in RC_LIDAR.tests:
+        world = single(test)
+        expert = Pursuit(cast(RCLidarEnv, world.unwrapped), ahead=RCSettings().ahead)
+        state, _ = world.reset(seed=FIRST_TEST_SEED)
+        total, ended = 0.0, False
+        while not ended:
+            state, reward, terminated, truncated, _ = world.step(expert(state))
+            total, ended = total + float(reward), terminated or truncated
+        assert total == RC_LIDAR.full_score
 
 
 @pytest.mark.parametrize(

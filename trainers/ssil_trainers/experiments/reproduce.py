@@ -80,7 +80,11 @@ def reproduce(
         output=output,
         work=output / "work",
     )
-    results = run(plan, workers=workers or len(processors()), tell=_to_screen)
+    try:
+        results = run(plan, workers=workers or len(processors()), tell=_to_screen)
+    except KeyboardInterrupt:
+        print(f"Stopped. The same command goes on from the finished cells in {output / 'cells'}.")
+        raise SystemExit(130) from None
     verdicts = publish(plan, results)
     if json:
         print_json({"cells": len(results.records), "verdicts": verdicts, "output": str(output)})
