@@ -116,7 +116,7 @@ class Snapshot:
     @classmethod
     def of(cls, dataset: Dataset) -> Snapshot:
         """Look at the runs of an opened dataset."""
-        dataset.version, dataset.episodes  # noqa: B018  read now, in the thread that opens it
+        _ = dataset.version, dataset.episodes  # read now, in the thread that opens it
         return cls(dataset, {run.run: run for run in dataset.runs.all()})
 
 

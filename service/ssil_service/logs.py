@@ -40,7 +40,6 @@ def start_logging(level: str) -> None:
     handler.setFormatter(_Lines())
     # what a line does not show is not looked for
     logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
-    logging.logAsyncioTasks = False
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())

@@ -7,19 +7,22 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from ssil_service import embedded
 from ssil_service.gate import Gate
 from ssil_service.keys import Keys, refuse_open_doors
-from ssil_service.launching import Server, launched
+from ssil_service.launching import Server, free_port, launched
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings, read_settings
 
+from ssil_data.client import connect
 from ssil_data.errors import InvalidInputError
 
 Serve = Callable[..., Server]
@@ -284,3 +287,30 @@ def test_event_streams_end_when_the_service_is_asked_to(folder: Path, serve: Ser
             os.kill(server.process.pid, signal.SIGTERM)
             assert not any("data" in line and "succeeded" in line for line in lines)
     assert server.process.wait(60) == 0
+
+
+def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_nothing(
+    folder: Path, states: np.ndarray
+):
+    port = free_port()
+    server = launched(folder, port=port)
+    with connect(server.url) as store:
+        field = store["drives"].field("vae")
+        expected = field.lcor(states).values
+        found: list[np.ndarray] = []
+        asking = threading.Event()
+
+        def ask() -> None:
+            while len(found) < 500:
+                found.append(field.lcor(states).values)
+                asking.set()
+
+        client = threading.Thread(target=ask)
+        client.start()
+        asking.wait(60)
+        server.kill()
+        server = launched(folder, port=port)
+        client.join()
+        server.kill()
+    assert len(found) == 500
+    assert all(np.array_equal(values, expected) for values in found)
