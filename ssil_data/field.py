@@ -70,6 +70,18 @@ class LeverageField:
         if not len(self.states):
             raise InvalidInputError("states: expected at least one, found none")
 
+    def __repr__(self) -> str:
+        """Show size and kernel."""
+        count, width = self.states.shape
+        return f"LeverageField({count:,} states of {width} dimensions, alpha={self.alpha:.4g})"
+
+    def at(self, alpha: float) -> LeverageField:
+        """Return the field with another sharpness; what is packed of the states is shared."""
+        other = object.__new__(LeverageField)
+        other.__dict__.update(self.__dict__, alpha=checked_alpha(alpha))
+        other.__dict__.pop("_deviation", None)
+        return other
+
     def __reduce__(self) -> tuple[type[LeverageField], tuple[Any, ...]]:
         """Copy what it was made of, not what it has packed."""
         return LeverageField, tuple(getattr(self, f.name) for f in fields(self) if f.init)

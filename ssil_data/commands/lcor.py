@@ -80,6 +80,12 @@ def lcor(
     else:
         title = f"LCoR over {len(field.states):,} demonstration states, alpha {field.alpha:.4g}"
         _print_answer(answer, top, unit="state" if episode is None else "step", title=title)
+        if not accuracy.exact:
+            sampled = int((answer.half_width > 0).sum())
+            console().print(
+                f"{sampled:,} of {len(answer.values):,} answers from a random part of the states; "
+                "the others from all of them, which was the shorter way."
+            )
 
 
 def _alpha(text: str | None) -> float | None:
@@ -119,7 +125,7 @@ def _print_answer(
             "effective sample size": int(answer.effective_sample_size[index]),
         }
         if answer.half_width.any():
-            row["±"] = float(answer.half_width[index])
+            row["±"] = f"{answer.half_width[index]:.1e}"
         if top is not None:
             row["contributors"] = ", ".join(
                 f"{one['episode']}:{one['step']} {one['share']:.1%}" for one in top[index][:5]
@@ -127,6 +133,8 @@ def _print_answer(
         rows.append(row)
     print_table(title, rows)
     values = answer.values
+    if len(shown) < len(values):
+        console().print(f"{len(shown)} of {len(values):,} {unit}s shown; --json prints all.")
     console().print(
         f"{len(values):,} {unit}s: LCoR mean {values.mean():.3f}, "
         f"least {values.min():.3f} at {unit} {values.argmin()}, most {values.max():.3f}"

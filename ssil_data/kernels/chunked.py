@@ -21,8 +21,9 @@ _AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Tensors:
-    """Centred states (n, d), n ≥ 1, and leverage (n,) on a device. Distances are float32, sums
-    float64.
+    """Centred states (n, d), n ≥ 1, and leverage (n,) on a device.
+
+    Distances are float32, sums float64.
     """
 
     states: torch.Tensor

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.kernels import chunked
 from ssil_data.kernels.exact import exact_sums
 from ssil_data.kernels.native import Target
 from ssil_data.kernels.panels import Panels
@@ -41,6 +40,8 @@ class References:
         self._target = target if device == "cpu" else None
         centred = leverage - np.float32(self._mean)
         if self._target is None:
+            from ssil_data.kernels import chunked  # torch takes a second to load
+
             self._plain = chunked.Tensors.of(states, self._centre, centred, device)
         else:
             size = self._target.tile.references
@@ -65,6 +66,8 @@ class References:
         elif not len(queries):
             sums = Sums.none(min(contributors, self._panels.count))
         elif alpha < FLATTEST:
+            from ssil_data.kernels import chunked
+
             sums = chunked.lcor_sums(
                 centred, *self._panels.unpacked(), alpha=alpha, contributors=contributors
             )

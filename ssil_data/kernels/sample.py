@@ -9,7 +9,6 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.kernels import chunked
 from ssil_data.kernels.native import GENERIC, Target
 from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.passes import Pass, spread
@@ -86,6 +85,8 @@ class Sample:
         leverage = panels.leverage.astype(np.float64)
         sample = np.stack([leverage**power for power in range(3)]).sum(axis=1)
         if self._target is None:
+            from ssil_data.kernels import chunked  # torch takes a second to load
+
             states = panels.unpacked()
             return SampleMoments(sample, chunked.moments(queries, *states, distance, alpha=alpha))
 

@@ -122,6 +122,19 @@ def test_accuracy_is_checked_once_for_everybody():
         Accuracy(tolerance=0.1, seconds=1.0)
 
 
+def test_another_alpha_shares_what_is_packed():
+    first = field().lcor(queries(), tolerance=0.02).values
+    other = field().at(20.0)
+    np.testing.assert_array_equal(
+        other.lcor(queries()).values, replace(field(), alpha=20.0).lcor(queries()).values
+    )
+    assert other._packed is field()._packed
+    assert other._drawing is field()._drawing
+    np.testing.assert_array_equal(field().lcor(queries(), tolerance=0.02).values, first)
+    with pytest.raises(InvalidInputError, match="alpha: expected a finite number > 0"):
+        field().at(-1.0)
+
+
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
 def test_a_field_can_be_copied_after_it_was_asked(copied):
     whole = field()
