@@ -7,7 +7,7 @@ import pytest
 from ssil_trainers.experiments import paper
 from ssil_trainers.experiments.claims import claims, controls
 from ssil_trainers.experiments.ledger import Exceeds, Numbers, Rises, Steadier, Verdict
-from ssil_trainers.experiments.protocol import ESTIMATORS, RACETRACK, RC_LIDAR
+from ssil_trainers.experiments.protocol import ESTIMATORS, TRAINING_TABLES
 
 LOW, MIDDLE, HIGH = [0.48, 0.50, 0.52], [0.2, 0.5, 0.8], [0.98, 1.0, 1.02]
 
@@ -85,7 +85,7 @@ def test_a_rise_of_an_estimator_that_was_not_run_is_not_judged():
 
 
 def test_every_claim_is_about_numbers_that_the_tables_have():
-    tables = {table.name: table for table in (RACETRACK, RC_LIDAR)}
+    tables = {table.name: table for table in TRAINING_TABLES}
     for claim in (*claims(), *controls()):
         rule = claim.rule
         if isinstance(rule, Rises):

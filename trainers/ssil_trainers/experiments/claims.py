@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssil_trainers.experiments.ledger import Claim, Exceeds, Rises, Steadier
-from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR
+from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR, TRAINING_TABLES
 
 _TITLES = {
     "gail-mixed": "GAIL (mixed)",
@@ -110,9 +110,9 @@ def claims() -> Iterator[Claim]:
 
 def controls() -> Iterator[Claim]:
     """Go through what the paper does not ask: does leverage, or learning at all, add anything?"""
-    for table in (RACETRACK, RC_LIDAR):
+    for table in TRAINING_TABLES:
         for labels in table.labels:
-            name = "RC car" if labels is None else f"{labels:,} labels"
+            name = f"RC car, {table.budget:,} steps" if labels is None else f"{labels:,} labels"
             for better, worse in (
                 ("ssil-windowvae", "shuffled-windowvae"),
                 ("ssil-windowvae", "constant"),

@@ -110,7 +110,8 @@ def _block(table: Table, rows: list[Record], labels: int | None) -> dict[str, An
     published = [paper.SCORES.get((table.name, labels, row.key)) for row in table.rows]
     most = max((p[0] for p in published if p), default=None)
     cells = [p and {"mean": p[0], "deviation": p[1], "best": p[0] == most} for p in published]
-    lines.append({"name": "paper", "paper": True, "cells": cells})
+    if most is not None:
+        lines.append({"name": "paper", "paper": True, "cells": cells})
     return {"labels": "all" if labels is None else f"{labels:,}", "lines": lines}
 
 

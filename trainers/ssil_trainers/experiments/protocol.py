@@ -111,6 +111,11 @@ RC_LIDAR = Table(
     full_score=400.0,
 )
 
-TRAINING_TABLES = {table.name: table for table in (RACETRACK, RC_LIDAR)}
+RC_LIDAR_TIGHT = replace(
+    RC_LIDAR, name="rc-lidar-tight", title=f"{RC_LIDAR.title}, a fifth of the steps", budget=8_192
+)
+"""Survival is the score and any reward pays for it, a constant one too: given time, all survive."""
+
+TRAINING_TABLES = (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT)
 LEVERAGE = "leverage"
 LEVERAGE_PRESETS = ("paper", "default")

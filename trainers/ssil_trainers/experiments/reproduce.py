@@ -49,7 +49,8 @@ def reproduce(
     first_seed:
         The first one's seed; the others count on.
     budget:
-        Environment steps of every training run. [default: 122,880 racetrack, 40,960 rc-lidar]
+        Environment steps of every training run. [default: 122,880 racetrack; 40,960,
+        and 8,192, rc-lidar]
     preset:
         `paper` has the paper's leverage and loop, `default` what measured best.
     labels:
@@ -68,8 +69,8 @@ def reproduce(
     plan = Plan(
         tables=tuple(
             _narrowed(known, labels, methods)
-            for name, known in TRAINING_TABLES.items()
-            if table in (name, "all")
+            for known in TRAINING_TABLES
+            if table in (known.dataset, "all")
         ),
         leverage="racetrack" if table in (LEVERAGE, "all") else None,
         seeds=tuple(range(first_seed, first_seed + seeds)),
