@@ -71,7 +71,7 @@ def open_context(app: FastAPI) -> Context:
     catalogue = Catalogue(Store(settings.store), settings.cache_bytes)
     catalogue.sweep()
     gate = Gate(settings.computing, settings.waiting)
-    fits = Pool(state.lock, settings.job_bytes, settings.job_seconds)
+    fits = Pool(state.lock, settings.job_bytes, settings.job_seconds, keep=1)
     bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.job_seconds, keep=1)
     decoder = Decoder(
         state, bodies, query_rows=settings.query_rows, upload_rows=settings.decoded_bytes // 8

@@ -83,10 +83,14 @@ def _digest(name: str, key: str) -> bytes:
 
 
 def _given(
+    request: Request,
     bearer: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
     header: Annotated[str | None, Security(_header)],
 ) -> list[str]:
-    return [key for key in (header, bearer.credentials if bearer else None) if key]
+    """Return the keys of a request; credentials of another kind are a key that is none."""
+    other = "authorization" in request.headers and bearer is None
+    keys = [header, bearer.credentials if bearer else None, "" if other else None]
+    return [key for key in keys if key is not None]
 
 
 Given = Annotated[list[str], Security(_given)]
@@ -105,7 +109,7 @@ def may_write(request: Request, given: Given) -> None:
 def _check(request: Request, given: list[str], *, write: bool) -> None:
     keys: Keys = request.app.state.keys
     found = [keys.may(key, write=write) for key in given]
-    if not any(known for known, _ in found):
+    if not found or not all(known for known, _ in found):  # two keys: neither may be wrong
         raise Problem(
             401,
             "key: expected a valid one as bearer token or X-API-Key",
