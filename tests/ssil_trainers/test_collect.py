@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cyclopts import CoercionError, UnknownOptionError
 from ssil_trainers import racetrack_demonstrations as demonstrations
-from ssil_trainers.collect import collect
+from ssil_trainers.collect import collect, racetrack
 from ssil_trainers.drivers import drives_within
 from ssil_trainers.envs.racetrack import STATE_NAMES, RacetrackEnv
 from ssil_trainers.ppo import Checkpoint, PPOSettings, train
@@ -123,13 +124,34 @@ def test_the_command_writes_a_dataset_with_its_card(
 ) -> None:
     monkeypatch.setattr(demonstrations, "BANDS", WIDE)
     place = Place(str(tmp_path))
-    collect("racetrack", seed=0, racetrack=MINIATURE, place=place)
+    racetrack(seed=0, settings=MINIATURE, place=place)
     dataset = Store(tmp_path)["racetrack"]
     assert "--seed 0 --name racetrack --labeled 50 --unlabeled 90 --segment 20" in dataset.card
     assert len(dataset) == 50 + 90 + 90
     assert dataset.state_names == list(STATE_NAMES)
     with pytest.raises(ConflictError, match="found 'racetrack'"):
-        collect("racetrack", seed=0, racetrack=MINIATURE, place=place)
+        racetrack(seed=0, settings=MINIATURE, place=place)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "racetrack --laps 2",
+        "racetrack --ahead 1.0",
+        "rc-lidar --policy-hz 5",
+        "rc-lidar --labeled 9",
+    ],
+)
+def test_settings_of_another_world_are_refused(words: str) -> None:
+    with pytest.raises(UnknownOptionError):
+        collect(words, exit_on_error=False, print_error=False)
+
+
+def test_a_track_of_another_world_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NotFoundError, match=r"track: expected one of yard, .*, found 'oval'"):
+        collect(f"rc-lidar --track oval --store {tmp_path}", exit_on_error=False)
+    with pytest.raises(CoercionError):
+        collect("racetrack --track yard", exit_on_error=False, print_error=False)
 
 
 def test_the_card_tells_the_command_the_counts_and_the_measured_scores() -> None:
@@ -154,12 +176,31 @@ def test_unlabeled_pairs_that_three_tiers_cannot_share_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps"]
+    "name",
+    [
+        *("labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps"),
+        *("expert_steps", "under_trained_steps"),
+    ],
 )
 @pytest.mark.parametrize("count", [0, -3])
 def test_counts_that_are_not_positive_are_refused(name: str, count: int) -> None:
     with pytest.raises(InvalidInputError, match=f"^{name}: expected at least 1, found {count}$"):
         replace(MINIATURE, **{name: count})
+
+
+@pytest.mark.parametrize("name", ["policies", "episode_steps", "policy_hz", "other_vehicles"])
+def test_counts_that_are_not_whole_are_refused(name: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{name}: expected a whole number, found 2.5$"):
+        replace(MINIATURE, **{name: 2.5})
+
+
+@pytest.mark.parametrize("name", ["expert_learning_rate", "under_trained_learning_rate"])
+@pytest.mark.parametrize("rate", [0, -1e-3, np.nan, np.inf])
+def test_step_sizes_that_cannot_learn_are_refused(name: str, rate: float) -> None:
+    with pytest.raises(
+        InvalidInputError, match=f"^{name}: expected a finite number above 0, found {rate}$"
+    ):
+        replace(MINIATURE, **{name: rate})
 
 
 @pytest.mark.parametrize("tremble", [-0.1, np.nan, np.inf])

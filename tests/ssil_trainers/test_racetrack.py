@@ -169,8 +169,8 @@ def test_a_decision_lasts_as_long_as_the_rate_says(policy_hz: int) -> None:
 
 
 def test_a_rate_that_highway_env_would_round_is_refused() -> None:
-    with pytest.raises(InvalidInputError, match="divisor of the simulation's 20 Hz, found 3"):
-        RacetrackEnv(policy_hz=3)
+    with pytest.raises(InvalidInputError, match="divisor of the simulation's 20 Hz, found 6"):
+        RacetrackEnv(policy_hz=6)
 
 
 def test_an_action_that_is_not_finite_is_refused() -> None:

@@ -59,7 +59,8 @@ def test_a_shift_is_driven_and_told(
     ("shift", "message"),
     [
         ({"track": "moon"}, "track: expected one of default, large, oval, found 'moon'"),
-        ({"policy_hz": 3}, "policy_hz: expected a divisor of the simulation's 20 Hz, found 3"),
+        ({"policy_hz": 6}, "policy_hz: expected a divisor of the simulation's 20 Hz, found 6"),
+        ({"policy_hz": 2}, "policy_hz: expected at least 4, found 2"),
         ({"other_vehicles": -1}, "other_vehicles: expected at least 0, found -1"),
     ],
 )

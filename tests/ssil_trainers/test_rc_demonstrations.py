@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ssil_trainers import rc_demonstrations as demonstrations
-from ssil_trainers.collect import collect
+from ssil_trainers.collect import rc_lidar as collect_command
 from ssil_trainers.envs.rc_lidar import STATE_NAMES, RCLidarEnv
 from ssil_trainers.envs.tracks import TRAINING_TRACK, named_track
 from ssil_trainers.rc_card import rc_card
@@ -116,13 +116,13 @@ def test_the_command_writes_a_dataset_with_its_card(
 ) -> None:
     monkeypatch.setattr(demonstrations, "RC_BANDS", WIDE)
     place = Place(str(tmp_path))
-    collect("rc-lidar", seed=0, rc=MINIATURE, place=place)
+    collect_command(seed=0, settings=MINIATURE, place=place)
     dataset = Store(tmp_path)["rc-lidar"]
-    assert "rc-lidar --seed 0 --name rc-lidar --rc.laps 2 --rc.lap-steps 60" in dataset.card
+    assert "rc-lidar --seed 0 --name rc-lidar --laps 2 --lap-steps 60" in dataset.card
     assert len(dataset) == 2 * 60 + 43
     assert dataset.state_names == list(STATE_NAMES)
     with pytest.raises(ConflictError, match="found 'rc-lidar'"):
-        collect("rc-lidar", seed=0, rc=MINIATURE, place=place)
+        collect_command(seed=0, settings=MINIATURE, place=place)
 
 
 def test_the_card_tells_the_command_the_tracks_and_the_measured_scores() -> None:
@@ -130,10 +130,11 @@ def test_the_card_tells_the_command_the_tracks_and_the_measured_scores() -> None
     for expected in (
         "# small",
         "`ssil-data collect rc-lidar --seed 0`",
-        "2 expert laps of 60 pairs",
+        "2 expert drives of 60 pairs",
         "43 unlabeled negative pairs",
         "Collected on the track `yard`",
         "another one,\n  `hall`",
+        "off after 60 steps, 0.15 of a lap.",
         "| expert | yes | 1 | 60 | 0 | 1.000 |",
         "| 60-80 | no |",
         "Apache-2.0",
@@ -144,8 +145,40 @@ def test_the_card_tells_the_command_the_tracks_and_the_measured_scores() -> None
 
 
 @pytest.mark.parametrize(
+    ("track", "told"),
+    [
+        ("yard", "Policies are trained on another one,\n  `hall`, and tested on `attic`"),
+        ("seed-7", "Policies are trained on another one,\n  `hall`, and tested on `attic`"),
+        ("hall", "on the track `hall`. It is no other than policies are trained on."),
+        ("loft", "on the track `loft`. It is no other than policies are tested on."),
+    ],
+)
+def test_the_card_calls_a_track_another_one_only_where_it_is(track: str, told: str) -> None:
+    shifted = replace(miniature(0), settings=replace(MINIATURE, track=track))
+    card = rc_card("shifted", shifted, command="ssil-data collect rc-lidar")
+    assert told in card
+    assert ("another one" in card) == (track not in ("hall", "loft"))
+
+
+def test_the_card_speaks_of_laps_where_they_are_whole() -> None:
+    whole = replace(miniature(0), settings=replace(MINIATURE, lap_steps=401))
+    card = rc_card("laps", whole, command="ssil-data collect rc-lidar")
+    assert "2 expert laps of 401 pairs" in card
+    assert "off after 401 steps, one lap." in card
+
+
+@pytest.mark.parametrize(
     ("wrong", "message"),
     [
+        ({"runs": 1.5}, "runs: expected a whole number, found 1.5"),
+        (
+            {"under_trained_learning_rate": np.nan},
+            "under_trained_learning_rate: expected a finite number above 0, found nan",
+        ),
+        (
+            {"under_trained_learning_rate": -1},
+            "under_trained_learning_rate: expected a finite number above 0, found -1",
+        ),
         ({"laps": 3}, "laps: expected an even number, found 3"),
         ({"laps": 0}, "laps: expected at least 1, found 0"),
         ({"negatives": 3}, "negatives: expected at least 4, found 3"),

@@ -1,15 +1,19 @@
-"""The command `ssil-data collect`: drive, and write the demonstrations as a dataset."""
+"""The command `ssil-data collect`: drive, and write the demonstrations as a dataset.
+
+Every world is a command of its own with its own settings, so that none is taken and not used.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Annotated, Literal
+from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from ssil_data.commands.output import Place, StorePlace, progress
 from ssil_data.errors import ConflictError
+from ssil_data.store import Store
 from ssil_trainers.envs import racetrack as racetrack_env
 from ssil_trainers.envs import rc_lidar as rc_env
 from ssil_trainers.racetrack_card import racetrack_card
@@ -17,55 +21,84 @@ from ssil_trainers.racetrack_demonstrations import RacetrackSettings, collect_ra
 from ssil_trainers.rc_card import rc_card
 from ssil_trainers.rc_demonstrations import RCSettings, collect_rc
 
-World = Literal["racetrack", "rc-lidar"]
-_NAMES = {
-    "racetrack": (racetrack_env.STATE_NAMES, racetrack_env.ACTION_NAMES),
-    "rc-lidar": (rc_env.STATE_NAMES, rc_env.ACTION_NAMES),
-}
+collect = App(name="collect")
 
 
-def collect(
-    world: World,
-    /,
+@collect.command(name="racetrack")
+def racetrack(
     *,
     seed: int = 0,
-    name: str | None = None,
-    racetrack: Annotated[RacetrackSettings, Parameter(name="*")] = RacetrackSettings(),  # noqa: B008
-    rc: RCSettings = RCSettings(),  # noqa: B008
+    name: str = "racetrack",
+    settings: Annotated[RacetrackSettings, Parameter(name="*")] = RacetrackSettings(),  # noqa: B008
     place: StorePlace = Place(),  # noqa: B008
 ) -> None:
-    """Train drivers, let them drive, and write the demonstrations as a dataset.
+    """Train drivers on highway-env's racetrack, let them drive, and write a dataset.
 
     Parameters
     ----------
-    world:
-        Where they drive.
     seed:
         The same seed gives the same demonstrations.
     name:
-        The dataset's name in the store; without it, the world's.
+        The dataset's name in the store.
     """
-    store, name = place.open(), name or world
+    store, command = _unused(place, name), _command("racetrack", seed, name, settings)
+    with progress() as report:
+        collected = collect_racetrack(seed=seed, settings=settings, progress=report)
+    store.create(
+        name,
+        collected.episodes(),
+        state_names=racetrack_env.STATE_NAMES,
+        action_names=racetrack_env.ACTION_NAMES,
+        card=racetrack_card(name, collected, command=command),
+    )
+
+
+@collect.command(name="rc-lidar")
+def rc_lidar(
+    *,
+    seed: int = 0,
+    name: str = "rc-lidar",
+    settings: Annotated[RCSettings, Parameter(name="*")] = RCSettings(),  # noqa: B008
+    place: StorePlace = Place(),  # noqa: B008
+) -> None:
+    """Let an expert drive the RC car, train worse drivers, and write a dataset.
+
+    Parameters
+    ----------
+    seed:
+        The same seed gives the same demonstrations.
+    name:
+        The dataset's name in the store.
+    """
+    store, command = _unused(place, name), _command("rc-lidar", seed, name, settings)
+    with progress() as report:
+        collected = collect_rc(seed=seed, settings=settings, progress=report)
+    store.create(
+        name,
+        collected.episodes(),
+        state_names=rc_env.STATE_NAMES,
+        action_names=rc_env.ACTION_NAMES,
+        card=rc_card(name, collected, command=command),
+    )
+
+
+def _unused(place: Place, name: str) -> Store:
+    """Open the store, before anything is trained for a name that is taken."""
+    store = place.open()
     if name in store:
         raise ConflictError(f"dataset: expected an unused name in {place.store}, found {name!r}")
-    settings, prefix = (racetrack, "") if world == "racetrack" else (rc, "rc.")
-    flags = " ".join(_flags(settings, prefix))
-    command = f"ssil-data collect {world} --seed {seed} --name {name} {flags}".strip()
-    with progress() as report:
-        if isinstance(settings, RacetrackSettings):
-            collected = collect_racetrack(seed=seed, settings=settings, progress=report)
-            card = racetrack_card(name, collected, command=command)
-        else:
-            collected = collect_rc(seed=seed, settings=settings, progress=report)
-            card = rc_card(name, collected, command=command)
-    states, actions = _NAMES[world]
-    store.create(name, collected.episodes(), state_names=states, action_names=actions, card=card)
+    return store
 
 
-def _flags(settings: RacetrackSettings | RCSettings, prefix: str) -> Iterator[str]:
-    """Yield the command-line flags that make these settings of the usual ones."""
+def _command(world: str, seed: int, name: str, settings: RacetrackSettings | RCSettings) -> str:
+    """Return the line that makes the dataset again."""
+    return " ".join([f"ssil-data collect {world} --seed {seed} --name {name}", *_flags(settings)])
+
+
+def _flags(settings: RacetrackSettings | RCSettings) -> Iterator[str]:
+    """Yield the flags that make these settings of the usual ones."""
     usual = type(settings)()
     for field in fields(settings):
         value = getattr(settings, field.name)
         if value != getattr(usual, field.name):
-            yield f"--{prefix}{field.name.replace('_', '-')} {value}"
+            yield f"--{field.name.replace('_', '-')} {value}"

@@ -11,6 +11,7 @@ from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 from ssil_data.scoring import Progress
 from ssil_trainers.drivers import School, drives_within
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.highway import POLICY_HZ, Track, check_task
 from ssil_trainers.envs.racetrack import RacetrackEnv
 from ssil_trainers.ppo import PPOSettings
@@ -21,6 +22,8 @@ _SEEDS_APART = 1_000_000
 """Episodes of one collection are numbered from its seed times this, so no two share a start."""
 
 _COUNTS = ("labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps")
+_COUNTS += ("expert_steps", "under_trained_steps")
+_RATES = ("expert_learning_rate", "under_trained_learning_rate")
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class RacetrackSettings:
     track:
         highway-env's racetrack.
     policy_hz:
-        Decisions a second, a divisor of 20; 5 is harder than 10.
+        Decisions a second, a divisor of 20 and at least 4; 5 is harder than 10.
     other_vehicles:
         Most other vehicles on the road, highway-env's own.
     labeled:
@@ -91,8 +94,12 @@ class RacetrackSettings:
         """Refuse what cannot be collected, before anything is trained."""
         check_task(self.track, policy_hz=self.policy_hz, other_vehicles=self.other_vehicles)
         for name in _COUNTS:
-            if not getattr(self, name) > 0:
-                raise InvalidInputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+            count(name, getattr(self, name))
+        for name in _RATES:
+            if not 0 < getattr(self, name) < np.inf:
+                raise InvalidInputError(
+                    f"{name}: expected a finite number above 0, found {getattr(self, name)}"
+                )
         if not 0 <= self.tremble < np.inf:
             raise InvalidInputError(
                 f"tremble: expected a finite number of at least 0, found {self.tremble}"

@@ -7,30 +7,31 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ssil_trainers.envs.tracks import TEST_TRACKS, TRAINING_TRACK
+from ssil_trainers.envs.tracks import TEST_TRACKS, TRAINING_TRACK, named_track
 from ssil_trainers.rc_demonstrations import RC_BANDS, RCCollected, RCSettings
 from ssil_trainers.recording import Taken
 from ssil_trainers.tiers import EXPERT
 
 _LIBRARIES = ("numba", "gymnasium", "stable-baselines3", "torch", "numpy")
+_NEARLY = 0.01
+"""So near to 1, a number of laps is called one: the usual 401 pairs are a step more."""
 
 
 def rc_card(name: str, collected: RCCollected, *, command: str) -> str:
     """Return the card; command is the line that makes the dataset again."""
-    settings, car = collected.settings, collected.car
+    settings, car, drives = collected.settings, collected.car, _drives(collected)
     libraries = ", ".join(f"{library} {version(library)}" for library in _LIBRARIES)
     return f"""# {name}
 
 Demonstrations of an RC car with a LiDAR after the protocol of the SSIL paper (Lee et al.): expert
-laps and drives by under-trained policies of {len(RC_BANDS)} qualities, in simulation.
+{drives} and drives by under-trained policies of {len(RC_BANDS)} qualities, in simulation.
 
 - Made by `{command}`
   with {libraries}.
   Same seed, same versions, same kind of machine: same data.
-- {settings.laps} expert laps of {settings.lap_steps} pairs, the first half of them labeled, and
+- {settings.laps} expert {drives} of {settings.lap_steps} pairs, the first half of them labeled, and
   {settings.negatives:,} unlabeled negative pairs, a quarter from each quality, collisions included.
-- Collected on the track `{settings.track}`. Policies are trained on another one,
-  `{TRAINING_TRACK}`, and tested on {", ".join(f"`{track}`" for track in TEST_TRACKS)}.
+- {_tracks(settings)}
 - Licence: Apache-2.0; simulated by this project, nothing recorded from others.
 
 ## Tiers, measured
@@ -58,7 +59,7 @@ x, y of the rear axle in metres before the action; `reward` is 1 after an action
   wheels with a lag of {car.steering_lag:g} s, LiDAR noise of {car.noise:.0%} of the range. An
   episode starts anywhere on the lap, up to {100 * car.start_aside:.0f} cm off the centre line and
   {car.start_askew_degrees:g}° askew; it ends when the car's rectangle touches a wall and is cut
-  off after {settings.lap_steps} steps, one lap.
+  off after {settings.lap_steps} steps, {_of_a_lap(collected)}.
 - Expert: pure pursuit of the centre line {settings.ahead:g} m ahead. It steers by its pose, which
   is not in the state: a person who knows the track.
 - Negatives: {settings.runs} runs of stable-baselines3's PPO on the reward, {_run(settings)}.
@@ -74,6 +75,36 @@ x, y of the rear axle in metres before the action; `reward` is 1 after an action
 
 {_drivers(collected)}
 """
+
+
+def _tracks(settings: RCSettings) -> str:
+    """Tell where the dataset was driven, and what its policies have not seen if that is so."""
+    here = f"Collected on the track `{settings.track}`."
+    others = (TRAINING_TRACK, *TEST_TRACKS)
+    if settings.track in others:
+        task = "trained" if settings.track == TRAINING_TRACK else "tested"
+        return f"{here} It is no other than policies are {task} on."
+    tests = ", ".join(f"`{track}`" for track in TEST_TRACKS)
+    return f"""{here} Policies are trained on another one,
+  `{TRAINING_TRACK}`, and tested on {tests}."""
+
+
+def _of_a_lap(collected: RCCollected) -> str:
+    """Tell how much of a lap down the centre line the time limit is."""
+    return "one lap" if _is_lap(collected) else f"{_laps(collected):.2g} of a lap"
+
+
+def _drives(collected: RCCollected) -> str:
+    return "laps" if _is_lap(collected) else "drives"
+
+
+def _is_lap(collected: RCCollected) -> bool:
+    return abs(_laps(collected) - 1) < _NEARLY
+
+
+def _laps(collected: RCCollected) -> float:
+    track = named_track(collected.settings.track)
+    return collected.settings.lap_steps / collected.car.lap_steps(track)
 
 
 def _chosen(settings: RCSettings) -> str:

@@ -11,6 +11,7 @@ from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_data.scoring import Progress
 from ssil_trainers.drivers import School, drives_within
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.rc_car import RCCar
 from ssil_trainers.envs.rc_lidar import RCLidarEnv
 from ssil_trainers.envs.tracks import COLLECTION_TRACK
@@ -94,8 +95,7 @@ class RCSettings:
     def __post_init__(self) -> None:
         """Refuse what cannot be collected, before anything is trained."""
         for name in _COUNTS:
-            if not getattr(self, name) > 0:
-                raise InvalidInputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+            count(name, getattr(self, name))
         if self.laps % 2:
             raise InvalidInputError(f"laps: expected an even number, found {self.laps}")
         if self.negatives < len(RC_BANDS):
@@ -108,6 +108,11 @@ class RCSettings:
             )
         if not 0 < self.ahead < np.inf:
             raise InvalidInputError(f"ahead: expected a positive length, found {self.ahead}")
+        if not 0 < self.under_trained_learning_rate < np.inf:
+            raise InvalidInputError(
+                "under_trained_learning_rate: expected a finite number above 0, "
+                f"found {self.under_trained_learning_rate}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

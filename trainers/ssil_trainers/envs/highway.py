@@ -9,6 +9,7 @@ import highway_env  # noqa: F401  registers the simulator's ids
 from highway_env.envs.racetrack_env import RacetrackEnv as Simulator
 
 from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.racetrack_kernels import Motion
 from ssil_trainers.envs.racetrack_state import CAR_LENGTH, STEERING_LIMIT
 
@@ -31,6 +32,8 @@ HIGHWAY_IDS: dict[Track, str] = {
     "oval": "racetrack-oval-v1",
 }
 POLICY_HZ, SIMULATION_HZ = 10, 20
+SLOWEST_HZ = 4
+"""At 2 Hz a car that leaves the road drives 10 m on, beyond the bound of the lateral offset."""
 ACCELERATION_LIMIT = 5.0
 SPEED_RANGE = (0.0, 20.0)
 
@@ -38,18 +41,18 @@ SPEED_RANGE = (0.0, 20.0)
 def check_task(track: Track, *, policy_hz: int, other_vehicles: int) -> None:
     """Raise InvalidInputError for a task that highway-env cannot pose.
 
-    At a rate that does not divide its own, it would drive fewer frames than a decision lasts.
+    At a rate that does not divide its own, it would drive fewer frames than a decision lasts; at
+    a slow one, the car would leave the observation space.
     """
     if track not in HIGHWAY_IDS:
         known = ", ".join(HIGHWAY_IDS)
         raise InvalidInputError(f"track: expected one of {known}, found {track!r}")
-    if policy_hz < 1 or SIMULATION_HZ % policy_hz:
+    if SIMULATION_HZ % count("policy_hz", policy_hz, least=SLOWEST_HZ):
         raise InvalidInputError(
             f"policy_hz: expected a divisor of the simulation's {SIMULATION_HZ} Hz, "
             f"found {policy_hz}"
         )
-    if other_vehicles < 0:
-        raise InvalidInputError(f"other_vehicles: expected at least 0, found {other_vehicles}")
+    count("other_vehicles", other_vehicles, least=0)
 
 
 def simulator(
