@@ -201,10 +201,18 @@ class Dataset:
         """Read the leverage that a run gave to every pair, (n,) in [0, 1]."""
         return self.runs.values(run)["leverage"].to_numpy()
 
-    def field(self, run: str, *, alpha: float | None = None, device: str = "cpu") -> LeverageField:
+    def field(
+        self,
+        run: str,
+        *,
+        alpha: float | None = None,
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> LeverageField:
         """Return the leverage field of a run over all states, with the run's alpha or another.
 
-        `device` is where torch holds the states, as "cuda"; on "cpu" code is written for the host.
+        `device` is where torch holds the states, as "cuda"; on "cpu" code is written for the host,
+        whose processors are all used, or `threads` of them.
         """
         record = self.runs[run]
         return LeverageField(
@@ -216,6 +224,7 @@ class Dataset:
             ),
             alpha=record.alpha if alpha is None else alpha,
             device=device,
+            threads=threads,
         )
 
     def damaged(self) -> list[str]:

@@ -37,7 +37,7 @@ class LeverageField:
     `standardiser` makes units comparable, `alpha` > 0 is the kernel's sharpness, `labeled` (n,)
     tells the expert states of CoR from the rest. States may be a read-only mapped file. `device` is
     where torch holds them for exact answers, as "cuda"; on "cpu" code is written for the
-    processor, and samples are always asked there. Raises
+    processor, and samples are always asked there, by `threads` or all its processors. Raises
     InvalidInputError for unequal lengths and for leverages outside [0, 1].
     """
 
@@ -47,6 +47,7 @@ class LeverageField:
     standardiser: Standardiser
     alpha: float
     device: str = "cpu"
+    threads: int | None = None
     _packing: RLock = field(default_factory=RLock, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -69,6 +70,8 @@ class LeverageField:
             )
         if not len(self.states):
             raise InvalidInputError("states: expected at least one, found none")
+        if self.threads is not None and self.threads < 1:
+            raise InvalidInputError(f"threads: expected at least 1, found {self.threads}")
 
     def __repr__(self) -> str:
         """Show size and kernel."""
@@ -76,7 +79,7 @@ class LeverageField:
         return f"LeverageField({count:,} states of {width} dimensions, alpha={self.alpha:.4g})"
 
     def at(self, alpha: float) -> LeverageField:
-        """Return the field with another sharpness; what is packed of the states is shared."""
+        """Return the field with another sharpness; what is packed by now is shared."""
         other = object.__new__(LeverageField)
         other.__dict__.update(self.__dict__, alpha=checked_alpha(alpha))
         other.__dict__.pop("_deviation", None)
@@ -112,12 +115,13 @@ class LeverageField:
                 f"together can name them, found {contributors}"
             )
         queries, sampled = self._standardised(states), self._sampled()
+        how: dict[str, Any] = {"alpha": self.alpha, "seed": seed, "threads": self.threads}
         if accuracy.seconds is not None:
-            found = sampled.in_time(queries, alpha=self.alpha, seconds=accuracy.seconds, seed=seed)
+            found = sampled.in_time(queries, seconds=accuracy.seconds, **how)
         else:
             assert accuracy.tolerance is not None
             width = accuracy.tolerance * (self._deviation if relative else 1.0)
-            found = sampled.within(queries, alpha=self.alpha, tolerance=width, seed=seed)
+            found = sampled.within(queries, tolerance=width, **how)
         return LCoR.of_estimate(found)
 
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
@@ -129,7 +133,9 @@ class LeverageField:
         if contributors < 0:
             raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
         queries = self._standardised(states)
-        return self._references().sums(queries, alpha=self.alpha, contributors=contributors)
+        return self._references().sums(
+            queries, alpha=self.alpha, contributors=contributors, threads=self.threads
+        )
 
     def cor(self, states: ArrayLike) -> NDArray[np.float64]:
         """Return CoR (equation 2) of states (m, d) in raw units, (m,) in [0, 1].

@@ -135,6 +135,18 @@ def test_another_alpha_shares_what_is_packed():
         field().at(-1.0)
 
 
+def test_a_field_uses_the_threads_that_it_is_given():
+    alone = replace(field(), threads=1)
+    for options in ({}, {"tolerance": 0.02}):
+        np.testing.assert_allclose(
+            alone.lcor(queries(), **options).values,
+            field().lcor(queries(), **options).values,
+            atol=1e-8,
+        )
+    with pytest.raises(InvalidInputError, match="threads: expected at least 1, found 0"):
+        replace(field(), threads=0)
+
+
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
 def test_a_field_can_be_copied_after_it_was_asked(copied):
     whole = field()
