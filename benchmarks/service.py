@@ -2,7 +2,8 @@
 
 On loopback, interleaved with the in-process call in one run, medians: LCoR of 2,048 states over
 Arrow and JSON, over a socket and embedded; the leverage of a whole run; 64 concurrent clients with
-small questions beside a bare FastAPI echo of the same payload; the time to `/readyz`.
+small questions beside a bare FastAPI echo of the same payload, which logs its requests as uvicorn
+does by itself; the time to `/readyz`.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ async def typed(states: States) -> States:
 async def echo(request: Request) -> Response:
     return Response(await request.body(), media_type="application/octet-stream")
 
-uvicorn.run(app, port=int(sys.argv[1]), log_level="error", http="h11", loop="asyncio")
+uvicorn.run(app, port=int(sys.argv[1]), http="h11", loop="asyncio")
 """
 
 
@@ -172,7 +173,9 @@ def processor_seconds(process: int) -> float:
 def concurrent(store: Path, server: Server) -> None:
     """Ask small questions from 64 clients, and a bare echo the same."""
     port = free_port()
-    echo = subprocess.Popen([sys.executable, "-c", ECHO, str(port)])
+    quiet = subprocess.DEVNULL
+    command = [sys.executable, "-c", ECHO, str(port)]
+    echo = subprocess.Popen(command, stdout=quiet, stderr=quiet)
     states = sd.Store(store)["racetrack"].pairs().states
     served = int(server.url.rpartition(":")[2])
     some = states[:8]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from datetime import UTC, datetime
+
+from pydantic_core import to_json
 
 _FIELDS = "fields"
 
@@ -25,7 +26,7 @@ class _Lines(logging.Formatter):
         }
         if record.exc_info:
             line["trace"] = self.formatException(record.exc_info)
-        return json.dumps(line, default=str)
+        return to_json(line, fallback=str).decode()
 
 
 def told(message: str, *, level: int = logging.INFO, trace: bool = False, **fields: object) -> None:
