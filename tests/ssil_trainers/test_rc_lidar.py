@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 import ssil_trainers.envs  # noqa: F401  registers the ids
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 from ssil_trainers.envs.rc_car import RCCar
 from ssil_trainers.envs.rc_lidar import STATE_NAMES, RCLidarEnv, RCLidarVectorEnv
 from ssil_trainers.envs.rc_picture import colour_of, drive_picture
+from ssil_trainers.envs.track import Track, save_track
 from ssil_trainers.envs.tracks import NAMED, named_track
 from ssil_trainers.rc_driver import Pursuit
 from ssil_trainers.recording import record
@@ -47,60 +49,6 @@ def test_gymnasium_and_stable_baselines3_accept_it() -> None:
     env = gymnasium.make("RCLidar-v0", render_mode="rgb_array").unwrapped
     check_env(env)
     check_for_stable_baselines3(env)
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_the_fleet_does_what_gymnasium_does_with_single_cars(mode: AutoresetMode) -> None:
-    told: dict[str, Any] = {"episode_steps": 25, "track": "yard"}
-    fleet = gymnasium.make_vec("RCLidar-v0", num_envs=3, autoreset_mode=mode, **told)
-    single = gymnasium.make_vec(
-        "RCLidar-v0",
-        num_envs=3,
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-        **told,
-    )
-    assert isinstance(fleet, RCLidarVectorEnv)
-    assert fleet.metadata["autoreset_mode"] is mode
-    same(fleet.reset(seed=5), single.reset(seed=5))
-    rng, ended = np.random.default_rng(0), 0
-    for _ in range(100):
-        actions = rng.uniform(-0.7, 0.7, (3, 1)).astype(np.float32)
-        one, two = fleet.step(actions), single.step(actions)
-        same(one, two)
-        over = np.logical_or(one[2], one[3])
-        ended += over.sum()
-        if mode is AutoresetMode.DISABLED and over.any():
-            options = [{"reset_mask": over.copy()} for _ in range(2)]
-            same(fleet.reset(options=options[0])[0], single.reset(options=options[1])[0])
-    assert ended > 6
-
-
-def same(one: Any, two: Any) -> None:
-    """Compare what both forms returned, infos included, bit for bit."""
-    if isinstance(one, dict):
-        assert one.keys() == two.keys()
-        for key in one:
-            same(one[key], two[key])
-    elif isinstance(one, tuple) or one.dtype == object:
-        for a, b in zip(one, two, strict=True):
-            assert (a is None) == (b is None)
-            if a is not None:
-                same(a, b)
-    else:
-        assert one.dtype == two.dtype
-        np.testing.assert_array_equal(one, two)
-
-
-def test_a_car_does_not_notice_how_many_drive_beside_it() -> None:
-    alone = drive(RCLidarEnv("yard"), 7, 120)
-    fleet = RCLidarVectorEnv(5, "yard")
-    rngs = [np.random.default_rng(4 + car) for car in range(5)]
-    states, _ = fleet.reset(seed=4)
-    for expected in alone:
-        np.testing.assert_array_equal(states[3], expected)
-        actions = np.array([rng.uniform(-0.5, 0.5, 1) for rng in rngs], dtype=np.float32)
-        states, *_ = fleet.step(actions)
 
 
 def test_same_seed_same_drive_and_another_seed_another() -> None:
@@ -235,36 +183,108 @@ def corners_inside(env: RCLidarEnv) -> bool:
 def test_steering_that_is_not_finite_is_refused(action: float) -> None:
     env = RCLidarEnv()
     env.reset(seed=0)
-    with pytest.raises(InvalidInputError, match="action: expected 1 finite numbers"):
+    with pytest.raises(InvalidInputError, match="action: expected finite numbers, found"):
         env.step(np.array([action], dtype=np.float32))
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"speed": 0}, {"hz": -1}, {"noise": -0.1}, {"steering_lag": np.nan}, {"steering_degrees": 90}],
+    [
+        *({"speed": 0}, {"hz": -1}, {"noise": -0.1}, {"steering_lag": np.nan}),
+        *({"substeps": 2.5}, {"substeps": 0.5}, {"substeps": 0}),
+        *({"steering_degrees": 90}, {"start_askew_degrees": 181}),
+    ],
 )
 def test_a_car_that_cannot_drive_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidInputError, match=f"^{next(iter(wrong))}: expected"):
         RCCar(**wrong)
 
 
-def test_a_car_too_wide_for_the_track_is_refused_with_the_row() -> None:
-    with pytest.raises(
-        InvalidInputError, match=r"track hall, row 0: expected more than the 1\.2 m"
-    ):
-        RCLidarEnv("hall", car=RCCar(width=1.2))
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"width": 1.2},
+        {"start_aside": 0.45},
+        {"start_aside": 2.0},
+        {"overhang": 900.0},
+        {"wheelbase": 5},
+    ],
+)
+def test_a_car_that_would_start_in_a_wall_is_refused_with_the_row(wrong: dict[str, float]) -> None:
+    with pytest.raises(InvalidInputError, match=r"track hall, row 0: expected room for a car of"):
+        RCLidarEnv("hall", car=RCCar(**wrong))
 
 
-def test_wrong_counts_and_masks_are_refused() -> None:
-    with pytest.raises(InvalidInputError, match="num_envs: expected at least 1, found 0"):
-        RCLidarVectorEnv(0)
-    with pytest.raises(InvalidInputError, match="episode_steps: expected at least 1, found 0"):
-        RCLidarEnv(episode_steps=0)
-    fleet = RCLidarVectorEnv(2)
-    with pytest.raises(InvalidInputError, match="seed: expected one for each of 2 cars, found 1"):
-        fleet.reset(seed=[1])
-    with pytest.raises(InvalidInputError, match="reset_mask: expected 2 booleans"):
-        fleet.reset(options={"reset_mask": np.zeros(2, dtype=bool)})
+@pytest.mark.parametrize("aside", [0.1, 0.3, 0.36])
+def test_starts_are_free_where_the_car_is_let_on_the_track_and_hit_where_it_is_not(
+    aside: float,
+) -> None:
+    """The road is lopsided: 1.1 m wide, but the line runs .35 m from the wall in its first half."""
+    angles = 2 * np.pi * np.arange(400) / 400
+    left = np.where(angles < np.pi, 0.35, 0.75)
+    line = 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    track, car = Track("lopsided", line, 1.1 - left, left), RCCar(start_aside=aside, noise=0)
+    if aside < 0.35 - car.width / 2:
+        states, _ = RCLidarVectorEnv(3_000, track, car=car).reset(seed=0)
+        # The nearest wall is beside the car, in the plane of the LiDAR.
+        assert 10 * states[:, [0, -2]].min() > car.width / 2
+    else:
+        with pytest.raises(InvalidInputError, match=r"lopsided, row \d+: expected room"):
+            RCLidarEnv(track, car=car)
+
+
+def test_a_nose_that_would_be_in_a_wall_only_askew_is_refused() -> None:
+    RCLidarEnv("hall", car=RCCar(start_aside=0.36, start_askew_degrees=0.1))
+    with pytest.raises(InvalidInputError, match=r"hall, row \d+: .* 0\.36 m aside and 5° askew"):
+        RCLidarEnv("hall", car=RCCar(start_aside=0.36))
+
+
+def test_a_car_without_overhang_may_start_half_its_width_aside() -> None:
+    RCLidarEnv("hall", car=RCCar(start_aside=0.135, overhang=0.0))
+
+
+@pytest.mark.parametrize("form", [RCLidarEnv, RCLidarVectorEnv])
+def test_pictures_come_as_fast_as_decisions(form: Any) -> None:
+    assert form(car=RCCar(hz=20)).metadata["render_fps"] == 20
+    assert form().metadata["render_fps"] == form.metadata["render_fps"] == 10
+
+
+def test_a_track_is_told_by_its_name_its_file_or_itself(tmp_path: Path) -> None:
+    track = named_track("hall")
+    save_track(track, tmp_path / "mine.csv")
+    for told in (track, "hall", tmp_path / "mine.csv", str(tmp_path / "mine.csv")):
+        np.testing.assert_array_equal(RCLidarEnv(told).track.centre, track.centre)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"car": 3}, "car: expected an RCCar, found 3"),
+        ({"track": 3}, "track: expected a name, a CSV file or a Track, found 3"),
+        ({"episode_steps": 0}, "episode_steps: expected at least 1, found 0"),
+        ({"episode_steps": 2.5}, "episode_steps: expected a whole number, found 2.5"),
+    ],
+)
+def test_settings_of_another_kind_are_refused(wrong: dict[str, Any], message: str) -> None:
+    for form in (RCLidarEnv, RCLidarVectorEnv):
+        with pytest.raises(InvalidInputError, match=f"^{message}$"):
+            form(**wrong)
+
+
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(ResetNeeded, match=r"\[0\] must be reset first"):
+        RCLidarEnv().step(STILL)
+
+
+def test_options_seeds_and_actions_of_another_form_are_refused() -> None:
+    env = RCLidarEnv()
+    with pytest.raises(InvalidInputError, match="options: expected none, found 'start'"):
+        env.reset(options={"start": None})
+    with pytest.raises(InvalidInputError, match="seed: expected at least 0, found -1"):
+        env.reset(seed=-1)
+    np.testing.assert_array_equal(env.reset(seed=np.int64(3))[0], env.reset(seed=3)[0])
+    with pytest.raises(InvalidInputError, match=r"expected shape \(1,\), found \(1, 1\)"):
+        env.step(STILL[None])
 
 
 def test_pictures_show_the_car_and_move_with_it() -> None:

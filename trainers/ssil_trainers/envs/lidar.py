@@ -46,9 +46,18 @@ class Walls:
         """Return the range [m] of every beam from every pose, (n, b), at most `reach`.
 
         poses (n, 3): x, y, heading; beams (b,): directions off the heading [rad], left positive.
-        A pose outside of the rectangle around the walls sees none of them.
+        A pose outside of the rectangle around the walls sees none of them. Raises InvalidInputError
+        for another shape, numbers that are not finite, or a reach that is not positive.
         """
-        given, directions = np.atleast_2d(np.asarray(poses, float)), directions_of(beams)
+        given = np.atleast_2d(_finite("poses", poses))
+        if given.ndim != 2 or given.shape[1] != 3:
+            raise InvalidInputError(f"poses: expected shape (n, 3), found {np.shape(poses)}")
+        angles = _finite("beams", beams)
+        if angles.ndim != 1:
+            raise InvalidInputError(f"beams: expected shape (b,), found {angles.shape}")
+        if not reach > 0:
+            raise InvalidInputError(f"reach: expected a length above 0, found {reach}")
+        directions = directions_of(angles)
         ranges = np.empty((len(given), len(directions)))
         rc_kernel.fans(self.grid, given, directions, float(reach), ranges)
         return ranges
@@ -60,15 +69,28 @@ def directions_of(angles: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.cos(given), np.sin(given)], axis=1)
 
 
+def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        given = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{name}: expected numbers, found {values!r}") from None
+    wrong = given[~np.isfinite(given)]
+    if len(wrong):
+        raise InvalidInputError(f"{name}: expected finite numbers, found {wrong[0]}")
+    return given
+
+
 def _grid(segments: NDArray[np.float64], cell: float) -> Grid:
     corners = segments.reshape(-1, 2)
     low = corners.min(axis=0) - _MARGIN
-    shape = np.ceil((corners.max(axis=0) + _MARGIN - low) / cell).astype(np.int64)
-    cells = float(np.prod(shape.astype(float)))
+    with np.errstate(over="ignore"):
+        sides = np.ceil((corners.max(axis=0) + _MARGIN - low) / cell)
+        cells = float(np.prod(sides))
     if cells > _MOST_CELLS:
         raise InvalidInputError(
             f"walls: expected at most {_MOST_CELLS:,} cells of {cell} m, found {cells:,.0f}"
         )
+    shape = sides.astype(np.int64)
     first = np.zeros(int(cells) + 1, dtype=np.int64)
     empty = Grid(low, float(cell), shape, first, np.empty((0, 4)))
     rc_kernel.sort_into_cells(segments, empty, first, np.empty(0, dtype=np.int64))

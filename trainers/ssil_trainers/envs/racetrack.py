@@ -10,10 +10,11 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.highway import HIGHWAY_IDS, POLICY_HZ, SIMULATION_HZ, Track, simulator
 from ssil_trainers.envs.racetrack_state import (
     ACTION_NAMES,
@@ -26,7 +27,8 @@ from ssil_trainers.envs.racetrack_state import (
     underlying_reward,
 )
 from ssil_trainers.envs.road import Road
-from ssil_trainers.envs.starts import START_SPEEDS, Start
+from ssil_trainers.envs.starts import START_SPEEDS, Start, told_start
+from ssil_trainers.envs.vector import check_options, finite_actions, one_seed
 
 __all__ = [
     "ACTION_NAMES",
@@ -80,8 +82,8 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         )
         self._road = Road.of(self._simulator.road.network)
         self._start = Start(0, 0.0, 0.0)
-        self._episode_steps = episode_steps
-        self._steps = 0
+        self._episode_steps = count("episode_steps", episode_steps)
+        self._steps = -1  # never reset
         self._action = np.zeros(2)
 
     @property
@@ -117,12 +119,12 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start at a random place, or at the `Start` that `options` has as "start".
 
-        Raises InvalidInputError for a start that is not on the road.
+        Raises InvalidInputError for a start that is not on the road, and then nothing has changed.
         """
+        check_options(options, ("start",))
+        told, seed = (options or {}).get("start"), one_seed(seed)
+        start = None if told is None else told_start(told, self._road)
         super().reset(seed=seed)
-        start = (options or {}).get("start")
-        if start is not None:
-            start.on(self._road)
         self._simulator.reset(seed=seed)
         self._place(self._drawn() if start is None else start)
         self._action = np.zeros(2)
@@ -152,10 +154,14 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive for one decision; raises InvalidInputError for an action that is not finite."""
-        if not np.isfinite(action).all():
-            raise InvalidInputError(f"action: expected finite numbers, found {action}")
-        self._action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        """Drive for one decision.
+
+        Raises InvalidInputError for an action that is not finite, and gymnasium's ResetNeeded
+        before the first reset.
+        """
+        if self._steps < 0:
+            raise ResetNeeded("the car must be reset first")
+        self._action = np.clip(finite_actions(action, self.action_space.shape), -1.0, 1.0)
         self._simulator.step(self._action)
         self._steps += 1
         car = self.car

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs import racetrack_kernels as kernels
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.highway import POLICY_HZ, Track, motion, simulator
 from ssil_trainers.envs.racetrack_kernels import Cars
 from ssil_trainers.envs.racetrack_state import (
@@ -30,12 +30,18 @@ from ssil_trainers.envs.racetrack_state import (
     Car,
 )
 from ssil_trainers.envs.road import Road
-from ssil_trainers.envs.starts import Start
-
-Info = dict[str, Any]
-Stepped = tuple[
-    NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info
-]
+from ssil_trainers.envs.starts import Start, told_starts
+from ssil_trainers.envs.vector import (
+    Info,
+    Stepped,
+    check_options,
+    final_info,
+    finite_actions,
+    info_of,
+    refuse_before_reset,
+    reset_mask,
+    seeds_of_cars,
+)
 
 
 class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
@@ -75,7 +81,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self._road = Road.of(real.road.network)
         real.close()
         self._motion = motion(policy_hz)
-        self._episode_steps = episode_steps
+        self._episode_steps = count("episode_steps", episode_steps)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._seeds = [-1] * num_envs
         self._starts = [Start(0, 0.0, 0.0)] * num_envs
@@ -121,33 +127,31 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         """Start all cars anew, car i with seed + i or the i-th of the seeds.
 
         `options` may have "start", a `Start` for each car, and "reset_mask" (n,) bool, which cars
-        to start. Raises InvalidInputError.
+        to start. Raises InvalidInputError, and then nothing has changed.
         """
-        seeds, which = self._seeded(seed), self._masked(options)
+        check_options(options, ("start", "reset_mask"))
+        seeds, mask = seeds_of_cars(seed, self.num_envs), reset_mask(options, self.num_envs)
+        which, told = np.flatnonzero(mask), (options or {}).get("start")
+        starts = None if told is None else told_starts(told, self._road, mask)
         for car in which:
             if seeds[car] is not None:
                 self._generators[car], self._seeds[car] = seeding.np_random(seeds[car])
-        told = (options or {}).get("start")
-        if told is not None and len(told) != self.num_envs:
-            raise InvalidInputError(
-                f"start: expected one for each of {self.num_envs} cars, found {len(told)}"
-            )
-        self._place(which, self._drawn(which) if told is None else [told[car] for car in which])
-        return self._states.astype(np.float32), self._told(restarted=which, moved=which[:0])
+        self._place(which, self._drawn(which) if starts is None else starts)
+        return self._states.astype(np.float32), info_of(mask, position=self._cars.pose[:, :2])
 
     def step(self, actions: NDArray[np.float32]) -> Stepped:
         """Drive every car for one decision, or start it anew as the autoreset mode says.
 
-        actions (n, 2), clipped to [-1, 1]; raises InvalidInputError where one is not finite.
+        actions (n, 2), clipped to [-1, 1]; raises InvalidInputError where one is not finite, and
+        gymnasium's ResetNeeded where a car waits for a reset.
         """
-        chosen = self._checked(actions)
-        mode = self.metadata["autoreset_mode"]
-        if mode == AutoresetMode.DISABLED and self._ended.any():
-            raise ResetNeeded(f"cars {np.flatnonzero(self._ended)} must be reset")
-        if self._steps.min() < 0:
-            raise ResetNeeded(f"cars {np.flatnonzero(self._steps < 0)} must be reset first")
-        moving = ~self._ended
-        restarted, moved = np.flatnonzero(self._ended), np.flatnonzero(moving)
+        chosen = np.clip(finite_actions(actions, self.action_space.shape), -1.0, 1.0)
+        mode, restarted = self.metadata["autoreset_mode"], self._ended
+        if mode == AutoresetMode.DISABLED:
+            refuse_before_reset(self._ended, "")
+        refuse_before_reset(self._steps < 0)
+        moving = ~restarted
+        moved = np.flatnonzero(moving)
         self._cars.act(chosen, self._motion)
         kernels.drive(self._cars, moved, self._motion)
         self._see(moved)
@@ -155,16 +159,22 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         terminated = self._off_road & moving
         self._steps += moving
         truncated = (self._steps >= self._episode_steps) & moving
+        self._restart(restarted)
         self._ended = terminated | truncated
-        self._place(restarted, self._drawn(restarted))
-        final: Info = {}
+        info: Info = {}
         if mode == AutoresetMode.SAME_STEP and self._ended.any():
-            restarted = np.flatnonzero(self._ended)
-            final = self._final(restarted, rewards)
-            moved = np.flatnonzero(~self._ended)
-            self._place(restarted, self._drawn(restarted))
-        info = self._told(restarted=restarted, moved=moved, rewards=rewards)
-        return self._states.astype(np.float32), rewards, terminated, truncated, {**final, **info}
+            info, moving = self._final(rewards), moving & ~self._ended
+            self._restart(self._ended)
+            self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        info |= info_of(everywhere, position=self._cars.pose[:, :2])
+        info |= info_of(moving, underlying_reward=rewards)
+        return self._states.astype(np.float32), rewards, terminated, truncated, info
+
+    def _restart(self, which: NDArray[np.bool_]) -> None:
+        """Begin the next episode of some cars (n,)."""
+        rows = np.flatnonzero(which)
+        self._place(rows, self._drawn(rows))
 
     def _see(self, which: NDArray[np.int64]) -> None:
         """Write states, rewards and ends of some cars."""
@@ -181,7 +191,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         """Put some cars at their starts."""
         if not len(which):
             return
-        places = [(s.lane, s.longitudinal, s.speed) for s in (s.on(self._road) for s in starts)]
+        places = [(start.lane, start.longitudinal, start.speed) for start in starts]
         kernels.place(self._cars, which, np.array(places, dtype=np.float64), self._road.lanes)
         self._see(which)
         for car, start in zip(which, starts, strict=True):
@@ -195,73 +205,14 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             self._generators[car] = generator
         return generator
 
-    def _seeded(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + car for car in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InvalidInputError(
-                f"seed: expected one for each of {self.num_envs} cars, found {len(seed)}"
-            )
-        return seed
-
-    def _masked(self, options: Info | None) -> NDArray[np.int64]:
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise InvalidInputError(f"reset_mask: expected a bool array, found {mask!r}")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise InvalidInputError(
-                f"reset_mask: expected some of {self.num_envs} cars, found {mask}"
-            )
-        return np.flatnonzero(mask)
-
-    def _checked(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        chosen = np.asarray(actions, dtype=np.float64)
-        if chosen.shape != self.action_space.shape:
-            raise InvalidInputError(
-                f"actions: expected shape {self.action_space.shape}, found {chosen.shape}"
-            )
-        if not np.isfinite(chosen).all():
-            car = int(np.argmin(np.isfinite(chosen).all(axis=1)))
-            raise InvalidInputError(
-                f"actions: expected finite numbers, found {chosen[car]} for car {car}"
-            )
-        return np.clip(chosen, -1.0, 1.0)
-
-    def _final(self, ended: NDArray[np.int64], rewards: NDArray[np.float64]) -> Info:
-        """Return what gymnasium tells of the cars whose episode ends where another begins."""
-        states = np.full(self.num_envs, None, dtype=object)
-        for car in ended:
-            states[car] = self._states[car].astype(np.float32)
-        info = self._told(restarted=ended[:0], moved=ended, rewards=rewards)
-        mask = self._mask(ended)
-        return {"final_obs": states, "_final_obs": mask, "final_info": info, "_final_info": mask}
-
-    def _told(
-        self,
-        *,
-        restarted: NDArray[np.int64],
-        moved: NDArray[np.int64],
-        rewards: NDArray[np.float64] | None = None,
-    ) -> Info:
-        """Return positions of all these cars, and rewards of those that moved."""
-        known = self._mask(np.concatenate([restarted, moved]))
-        info: Info = {"position": self._cars.pose[:, :2] * known[:, None], "_position": known}
-        if rewards is not None and len(moved):
-            mask = self._mask(moved)
-            info |= {"underlying_reward": rewards * mask, "_underlying_reward": mask}
-        return info
-
-    def _mask(self, which: NDArray[np.int64]) -> NDArray[np.bool_]:
-        mask = np.zeros(self.num_envs, dtype=np.bool_)
-        mask[which] = True
-        return mask
+    def _final(self, rewards: NDArray[np.float64]) -> Info:
+        """Return how the episodes ended where others begin in the same step."""
+        last = info_of(self._ended, position=self._cars.pose[:, :2], underlying_reward=rewards)
+        return final_info(self._ended, self._states.astype(np.float32), last)
 
 
 def _refuse(num_envs: int, other_vehicles: int, render_mode: str | None) -> None:
-    if num_envs < 1:
-        raise InvalidInputError(f"num_envs: expected at least 1, found {num_envs}")
+    count("num_envs", num_envs)
     if other_vehicles:
         raise InvalidInputError(
             f"other_vehicles: expected 0 in the vector environment, found {other_vehicles}; "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs import rc_kernel
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.lidar import directions_of
 from ssil_trainers.envs.rc_kernel import World
 from ssil_trainers.envs.track import Track
@@ -18,6 +19,8 @@ BEAM_DEGREES = tuple(range(-90, 91, 10))
 ACTION_NAMES = ("steering",)
 STATE_NAMES = (*(f"beam {degrees}°" for degrees in BEAM_DEGREES), "previous steering")
 _START_SPACING = 0.1
+_ASKEW = 5.0
+"""Starts are tried at angles so many degrees apart, and at the largest."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,11 @@ class RCCar:
                 raise InvalidInputError(
                     f"{field.name}: expected a finite number {least}, found {value}"
                 )
+        count("substeps", self.substeps)
+        if self.start_askew_degrees > 180:
+            raise InvalidInputError(
+                f"start_askew_degrees: expected at most 180, found {self.start_askew_degrees}"
+            )
         if self.steering_degrees >= 90:
             raise InvalidInputError(
                 f"steering_degrees: expected less than 90, found {self.steering_degrees}"
@@ -87,15 +95,27 @@ class RCCar:
     def on(self, track: Track) -> World:
         """Return the world of this car on that track, for the compiled loops.
 
-        Raises InvalidInputError if the car does not fit the track.
+        Raises InvalidInputError, with the row, if a car could start in a wall.
         """
-        narrowest = int(np.argmin(track.left + track.right))
-        room = track.left[narrowest] + track.right[narrowest]
-        if not self.width + 2 * self.start_aside < room:
+        world = self._world(track)
+        blocked = rc_kernel.blocked_start(world, self._turns())
+        if blocked >= 0:
+            x, y, _ = world.starts[blocked]
+            row = int(np.argmin(np.hypot(*(track.centre - [x, y]).T)))
             raise InvalidInputError(
-                f"track {track.name}, row {narrowest}: expected more than the {self.width} m of "
-                f"the car and twice {self.start_aside} m beside it, found {room:.3g} m"
+                f"track {track.name}, row {row}: expected room for a car of {self.width:g} × "
+                f"{world.front - world.rear:.3g} m to start {self.start_aside:g} m aside and "
+                f"{self.start_askew_degrees:g}° askew, found a wall in it"
             )
+        return world
+
+    def _turns(self) -> NDArray[np.float64]:
+        """Return angles of a start to the line [rad], close enough that no corner slips through."""
+        steps = int(np.ceil(self.start_askew_degrees / _ASKEW))
+        widest = np.deg2rad(self.start_askew_degrees)
+        return np.linspace(-widest, widest, 2 * steps + 1)
+
+    def _world(self, track: Track) -> World:
         return World(
             grid=track.walls.grid,
             starts=track.places(_START_SPACING),
@@ -136,6 +156,7 @@ class Fleet:
             steps=np.zeros(cars, dtype=np.int64),
         )
         self.hits = np.zeros(cars, dtype=np.bool_)
+        self._begun = np.zeros(cars, dtype=np.bool_)
         self._states = np.zeros((cars, len(STATE_NAMES)))
 
     def __len__(self) -> int:
@@ -152,10 +173,16 @@ class Fleet:
     def begin(self, which: NDArray[np.bool_]) -> None:
         """Begin the next episode of those cars (n,)."""
         rc_kernel.begin(self.world, self.rows, which, self._states)
+        self._begun |= which
 
     def advance(self, which: NDArray[np.bool_], actions: NDArray[np.float64]) -> None:
         """Drive those cars (n,) for one period by their actions (n,); `hits` tells who hit."""
         rc_kernel.advance(self.world, self.rows, which, actions, self._states, self.hits)
+
+    @property
+    def begun(self) -> NDArray[np.bool_]:
+        """Which cars (n,) stand on the track."""
+        return self._begun.copy()
 
     @property
     def states(self) -> NDArray[np.float32]:

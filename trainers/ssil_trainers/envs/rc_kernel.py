@@ -171,6 +171,33 @@ def touches(world: Any, x: float, y: float, heading: float) -> bool:
 
 
 @njit(cache=True)
+def blocked_start(world: Any, turns: Any) -> int:
+    """Return the first row of starts where a car could begin in a wall, or beyond one; or -1.
+
+    Tried on both sides as far aside as a start may be, and at the angles turns (t,). What the line
+    sees all corners of, and no wall crosses the sides of, is free: also a car larger than the map.
+    """
+    for row in range(len(world.starts)):
+        line_x, line_y, along = world.starts[row]
+        for aside in (-world.aside, world.aside):
+            x, y = line_x - aside * np.sin(along), line_y + aside * np.cos(along)
+            for turn in turns:
+                if touches(world, x, y, along + turn):
+                    return row
+                cos, sin = np.cos(along + turn), np.sin(along + turn)
+                for ahead in (world.rear, world.front):
+                    for left in (-world.half, world.half):
+                        away_x = x + ahead * cos - left * sin - line_x
+                        away_y = y + ahead * sin + left * cos - line_y
+                        far = np.hypot(away_x, away_y)
+                        if far > 0:
+                            way_x, way_y = away_x / far, away_y / far
+                            if cast(world.grid, line_x, line_y, way_x, way_y, far) < far:
+                                return row
+    return -1
+
+
+@njit(cache=True)
 def observe(world: Any, cars: Any, car: int, state: Any) -> None:
     """Write what the car sees: noisy ranges as a share of the reach, the previous steering."""
     x, y, heading = cars.pose[car]

@@ -5,6 +5,7 @@ The single environment is a fleet of one car, so both forms are one implementati
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,15 +16,27 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.rc_car import ACTION_NAMES, BEAM_DEGREES, STATE_NAMES, Fleet, RCCar
 from ssil_trainers.envs.rc_picture import picture
 from ssil_trainers.envs.track import Track
 from ssil_trainers.envs.tracks import TRAINING_TRACK, named_track
+from ssil_trainers.envs.vector import (
+    Info,
+    Stepped,
+    check_options,
+    final_info,
+    finite_actions,
+    info_of,
+    one_seed,
+    refuse_before_reset,
+    reset_mask,
+    seeds_of_cars,
+)
 
 __all__ = ["ACTION_NAMES", "STATE_NAMES", "RCLidarEnv", "RCLidarVectorEnv"]
 
 _STATE_LOW = np.array([0.0] * len(BEAM_DEGREES) + [-1.0], dtype=np.float32)
-_METADATA = {"render_modes": ["rgb_array"], "render_fps": 10}
 
 
 class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -40,11 +53,11 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     info: position (x, y) of the rear axle in metres, and after a step underlying_reward.
     """
 
-    metadata = _METADATA
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self,
-        track: Track | str = TRAINING_TRACK,
+        track: Track | Path | str = TRAINING_TRACK,
         *,
         car: RCCar = RCCar(),  # noqa: B008
         episode_steps: int | None = None,
@@ -54,7 +67,7 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self.observation_space, self.action_space = _spaces()
         self._fleet, self.episode_steps = _fleet(car, track, episode_steps, 1)
-        self._keyed = False
+        self.metadata = _metadata(car)
 
     @property
     def track(self) -> Track:
@@ -74,11 +87,12 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start at a random place; `options` is not used."""
+        """Start at a random place; raises InvalidInputError for any option: there is none."""
+        check_options(options, ())
+        seed = one_seed(seed)
         super().reset(seed=seed)
-        if seed is None and not self._keyed:
+        if seed is None and not self._fleet.begun[0]:
             seed = int(self.np_random.integers(2**63))
-        self._keyed = True
         self._fleet.seed([seed])
         self._fleet.begin(_ONE)
         return self._fleet.states[0], {"position": self._fleet.positions[0]}
@@ -86,9 +100,15 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive for one period."""
+        """Drive for one period.
+
+        Raises InvalidInputError for steering that is not finite, and gymnasium's ResetNeeded
+        before the first reset.
+        """
         fleet = self._fleet
-        fleet.advance(_ONE, _steering(action, 1))
+        steering = finite_actions(action, self.action_space.shape)
+        refuse_before_reset(~fleet.begun)
+        fleet.advance(_ONE, steering)
         hit = bool(fleet.hits[0])
         reward = 0.0 if hit else 1.0
         info = {"position": fleet.positions[0], "underlying_reward": reward}
@@ -107,12 +127,16 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
     the number of cars, also in the episodes that follow. autoreset_mode is gymnasium's.
     """
 
-    metadata: dict[str, Any] = _METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
         num_envs: int = 1,
-        track: Track | str = TRAINING_TRACK,
+        track: Track | Path | str = TRAINING_TRACK,
         *,
         car: RCCar = RCCar(),  # noqa: B008
         episode_steps: int | None = None,
@@ -120,18 +144,15 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         """Build the track and the cars, as for the single environment."""
-        if num_envs < 1:
-            raise InvalidInputError(f"num_envs: expected at least 1, found {num_envs}")
-        self.num_envs, self.render_mode = num_envs, render_mode
+        self.num_envs, self.render_mode = count("num_envs", num_envs), render_mode
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = _METADATA | {"autoreset_mode": self._mode}
         self.single_observation_space, self.single_action_space = _spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._fleet, self.episode_steps = _fleet(car, track, episode_steps, num_envs)
+        self.metadata = _metadata(car) | {"autoreset_mode": self._mode}
         self._all = np.ones(num_envs, dtype=np.bool_)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
-        self._keyed = np.zeros(num_envs, dtype=np.bool_)
 
     @property
     def track(self) -> Track:
@@ -144,76 +165,53 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
         seed: int | list[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start all cars, or those of options["reset_mask"] (n,)."""
-        first = seed if isinstance(seed, int) else None
-        super().reset(seed=first)
-        which = self._mask(options)
-        seeds = _seeds(seed, self.num_envs)
-        for row in np.flatnonzero(which & ~self._keyed):
+        """Start all cars, or those of options["reset_mask"] (n,), a bool array.
+
+        Raises InvalidInputError, and then nothing has changed.
+        """
+        check_options(options, ("reset_mask",))
+        seeds, which = seeds_of_cars(seed, self.num_envs), reset_mask(options, self.num_envs)
+        super().reset(seed=seeds[0] if isinstance(seed, int | np.integer) else None)
+        for row in np.flatnonzero(which & ~self._fleet.begun):
             if seeds[row] is None:
                 seeds[row] = int(self.np_random.integers(2**63))
-        self._keyed |= which
         self._ended &= ~which
         self._fleet.seed([one if asked else None for one, asked in zip(seeds, which, strict=True)])
         self._fleet.begin(which)
-        return self._fleet.states, _infos(which, position=self._fleet.positions)
+        return self._fleet.states, info_of(which, position=self._fleet.positions)
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[
-        NDArray[np.float32],
-        NDArray[np.float64],
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
-        """Drive all cars for one period, or begin their next episode as autoreset_mode says."""
+    def step(self, actions: NDArray[np.float32]) -> Stepped:
+        """Drive all cars for one period, or begin their next episode as autoreset_mode says.
+
+        actions (n, 1); raises InvalidInputError where one is not finite, and gymnasium's
+        ResetNeeded where a car waits for a reset.
+        """
         fleet, begin = self._fleet, self._ended
-        if self._mode is AutoresetMode.DISABLED and begin.any():
-            raise InvalidInputError(
-                f"step: expected a reset of car {np.argmax(begin)}, whose episode has ended"
-            )
+        steering = finite_actions(actions, self.action_space.shape)
+        if self._mode is AutoresetMode.DISABLED:
+            refuse_before_reset(begin, "")
+        refuse_before_reset(~fleet.begun)
         drives = ~begin
-        fleet.advance(drives, _steering(actions, self.num_envs))
+        fleet.advance(drives, steering[:, 0])
         terminated = fleet.hits.copy()
         truncated = drives & ~terminated & (fleet.rows.steps >= self.episode_steps)
         rewards = (drives & ~terminated).astype(np.float64)
-        if begin.any():
-            fleet.begin(begin)
+        fleet.begin(begin)
         self._ended = terminated | truncated
-        infos: dict[str, Any] = {}
-        if self._mode is AutoresetMode.SAME_STEP:
-            infos = self._same_step(rewards)
-        infos |= _infos(self._all, position=fleet.positions)
-        if self._mode is not AutoresetMode.SAME_STEP:
-            infos |= _infos(drives, underlying_reward=rewards.copy())
-        return fleet.states, rewards, terminated, truncated, infos
+        info: Info = {}
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            info, drives = self._final(rewards), drives & ~self._ended
+            fleet.begin(self._ended)
+            self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        info |= info_of(self._all, position=fleet.positions)
+        info |= info_of(drives, underlying_reward=rewards)
+        return fleet.states, rewards, terminated, truncated, info
 
-    def _same_step(self, rewards: NDArray[np.float64]) -> dict[str, Any]:
-        """Begin the next episode of those who ended; return how the last step went."""
-        ended, fleet = self._ended, self._fleet
-        self._ended = np.zeros_like(ended)
-        infos = _infos(~ended, underlying_reward=rewards.copy()) if not ended.all() else {}
-        if ended.any():
-            last = np.full(self.num_envs, None, dtype=object)
-            states, positions = fleet.states, fleet.positions
-            for row in np.flatnonzero(ended):
-                last[row] = states[row]
-            final = _infos(ended, position=positions, underlying_reward=rewards.copy())
-            infos |= {"final_obs": last, "_final_obs": ended.copy()}
-            infos |= {"final_info": final, "_final_info": ended.copy()}
-            fleet.begin(ended)
-        return infos
-
-    def _mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        if not options or "reset_mask" not in options:
-            return self._all
-        mask = np.asarray(options["reset_mask"])
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-            raise InvalidInputError(
-                f"reset_mask: expected {self.num_envs} booleans, one of them true, found {mask}"
-            )
-        return mask
+    def _final(self, rewards: NDArray[np.float64]) -> Info:
+        """Return how the episodes ended where others begin in the same step."""
+        positions = self._fleet.positions
+        last = info_of(self._ended, position=positions, underlying_reward=rewards)
+        return final_info(self._ended, self._fleet.states, last)
 
     def render(self) -> Any:
         """Return every car's picture, or None without a render mode."""
@@ -233,35 +231,19 @@ def _spaces() -> tuple[Space[Any], Space[Any]]:
     )
 
 
-def _fleet(car: RCCar, track: Track | str, steps: int | None, cars: int) -> tuple[Fleet, int]:
-    if steps is not None and steps < 1:
-        raise InvalidInputError(f"episode_steps: expected at least 1, found {steps}")
-    track = named_track(track) if isinstance(track, str) else track
+def _metadata(car: RCCar) -> dict[str, Any]:
+    return {"render_modes": ["rgb_array"], "render_fps": car.hz}
+
+
+def _fleet(
+    car: RCCar, track: Track | Path | str, steps: int | None, cars: int
+) -> tuple[Fleet, int]:
+    if not isinstance(car, RCCar):
+        raise InvalidInputError(f"car: expected an RCCar, found {car!r}")
+    if steps is not None:
+        count("episode_steps", steps)
+    if isinstance(track, str | Path):
+        track = named_track(str(track))
+    if not isinstance(track, Track):
+        raise InvalidInputError(f"track: expected a name, a CSV file or a Track, found {track!r}")
     return Fleet(car, track, cars), steps or car.lap_steps(track)
-
-
-def _steering(actions: NDArray[np.float32], cars: int) -> NDArray[np.float64]:
-    """Return finite steering (n,), refusing NaN: the car would be nowhere."""
-    given = np.asarray(actions, dtype=np.float64).reshape(-1)
-    if given.shape != (cars,) or not np.isfinite(given).all():
-        raise InvalidInputError(f"action: expected {cars} finite numbers, found {actions}")
-    return given
-
-
-def _seeds(seed: int | list[int | None] | None, cars: int) -> list[int | None]:
-    if seed is None:
-        return [None] * cars
-    if isinstance(seed, int):
-        return [seed + row for row in range(cars)]
-    if len(seed) != cars:
-        raise InvalidInputError(f"seed: expected one for each of {cars} cars, found {len(seed)}")
-    return list(seed)
-
-
-def _infos(which: NDArray[np.bool_], **values: NDArray[np.float64]) -> dict[str, Any]:
-    """Return gymnasium's infos: every value beside the mask of the cars that it holds for."""
-    infos: dict[str, Any] = {}
-    for name, of_cars in values.items():
-        infos[name] = np.where(which.reshape(-1, *[1] * (of_cars.ndim - 1)), of_cars, 0.0)
-        infos[f"_{name}"] = which.copy()
-    return infos

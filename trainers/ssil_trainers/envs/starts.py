@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.highway import SPEED_RANGE
@@ -33,6 +34,8 @@ class Start:
     def on(self, road: Road) -> Start:
         """Return it, if there is such a place; raises InvalidInputError."""
         lanes, (slowest, fastest) = len(road.lanes.length), SPEED_RANGE
+        if not isinstance(self.lane, int | np.integer):
+            raise InvalidInputError(f"start: expected a lane by its row, found {self}")
         if not 0 <= self.lane < lanes:
             raise InvalidInputError(f"start: expected a lane from 0 to {lanes - 1}, found {self}")
         if not 0 <= self.longitudinal <= road.lanes.length[self.lane]:
@@ -43,3 +46,21 @@ class Start:
                 f"start: expected a speed from {slowest:g} to {fastest:g} m/s, found {self}"
             )
         return self
+
+
+def told_start(told: object, road: Road) -> Start:
+    """Return what the caller told, if it is a start on the road; raises InvalidInputError."""
+    if not isinstance(told, Start):
+        raise InvalidInputError(f"start: expected a Start, found {told!r}")
+    return told.on(road)
+
+
+def told_starts(told: object, road: Road, which: NDArray[np.bool_]) -> list[Start]:
+    """Return those of the told starts, one for each car, that the cars of the mask (n,) begin at.
+
+    Raises InvalidInputError for another number of them, or for one that is no start on the road.
+    """
+    if not isinstance(told, list | tuple) or len(told) != len(which):
+        found = len(told) if isinstance(told, list | tuple) else repr(told)
+        raise InvalidInputError(f"start: expected one for each of {len(which)} cars, found {found}")
+    return [told_start(told[car], road) for car in np.flatnonzero(which)]

@@ -17,6 +17,12 @@ from ssil_trainers.envs.lidar import Walls
 
 _OPEN = 4.0
 """A line is open whose ends are this many times farther apart than any two of its neighbours."""
+_FAR = 1e9
+"""Lengths [m] beyond this are no metres, and their squares would overflow."""
+_SAME = 1e-3
+"""The last point repeats the first if it is nearer than this share of the usual distance."""
+_MITRED, _SHARPEST = np.cos(np.deg2rad([7.5, 60.0]))
+"""Cosines of half the turn in a point from which walls are mitred, and of the sharpest one."""
 _LOOP = 6.0
 """A wall's loop is cut off if its stretch of the centre line is shorter than so many widths."""
 
@@ -27,9 +33,14 @@ class Track:
 
     The last point joins the first, which is not repeated. Every refusal is an InvalidInputError
     that names the row: fewer than four points, numbers that are not finite, widths that are not
-    positive, points that coincide, an open line, a line or walls that cross. In a corner tighter
-    than the width the inner wall folds into a loop; the loop is cut off where it begins, so that
-    the wall is the edge of what the widths cover. What cannot be mended so is refused.
+    positive, points that coincide, an open line, a turn of more than 120° in one point, a line or
+    walls that cross.
+
+    A wall's corner stands at the width from its point, square to the line there. Where the line
+    turns by more than 15° in a point, that would bring the walls nearer than the widths before and
+    after it, so the corner stands farther out, where both meet; below, nearer by less than 1 %. In
+    a corner tighter than the width the inner wall folds into a loop; the loop is cut off where it
+    begins. What cannot be mended so is refused.
     """
 
     name: str
@@ -81,23 +92,33 @@ class Track:
         return np.stack([x, y, np.arctan2(tangent_y, tangent_x)], axis=1)
 
     @cached_property
-    def _tangents(self) -> NDArray[np.float64]:
-        """Unit vectors (n, 2) along the line, in each point the mean of both neighbours' ways."""
+    def _bisectors(self) -> NDArray[np.float64]:
+        """Sums (n, 2) of the unit vectors to and from each point."""
         ahead = _steps(self.centre)
         ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-        middle = ahead + np.roll(ahead, 1, axis=0)
-        length = np.linalg.norm(middle, axis=1, keepdims=True)
-        return np.where(length > 1e-9, middle / np.maximum(length, 1e-9), ahead)
+        return ahead + np.roll(ahead, 1, axis=0)
+
+    @property
+    def _tangents(self) -> NDArray[np.float64]:
+        """Unit vectors (n, 2) along the line, in each point the mean of both neighbours' ways."""
+        return self._bisectors / np.linalg.norm(self._bisectors, axis=1, keepdims=True)
+
+    @property
+    def _cos_half_turn(self) -> NDArray[np.float64]:
+        """Cosine (n,) of half the angle by which the line turns in each point."""
+        return np.linalg.norm(self._bisectors, axis=1) / 2
 
     def _wall(self, aside: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the line so far to the left (n,) of the centre line, its loops cut off."""
         normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
+        sharp = self._cos_half_turn < _MITRED
+        normals[sharp] /= self._cos_half_turn[sharp, None]
         wall, along = self.centre + normals * aside[:, None], _steps(self.centre)
         backwards = np.sum(_steps(wall) * along, axis=1) < 0
         gaps = np.linalg.norm(along, axis=1)
         loops = [
             (stretch, first, last)
-            for first, last in _either_way(crossings(_closed(wall)), len(wall))
+            for first, last in _either_way(crossings(_closed(wall)))
             if backwards[_rows(first, last, len(wall))].any()
             and (stretch := gaps[_rows(first, last, len(wall))].sum()) < _LOOP * abs(aside[first])
         ]
@@ -123,16 +144,18 @@ class Track:
                 )
             for row in np.flatnonzero(~(np.isfinite(width) & (width > 0))):
                 raise self._refusal(row, f"a positive width on the {side}", f"{width[row]}")
-        for row in np.flatnonzero(~np.isfinite(self.centre).all(axis=1)):
-            raise self._refusal(row, "finite x, y", f"{self.centre[row].tolist()}")
+            for row in np.flatnonzero(width > _FAR):
+                raise self._refusal(row, f"a width on the {side} in metres", f"{width[row]:g}")
+        for row in np.flatnonzero(~(np.abs(self.centre) < _FAR).all(axis=1)):
+            raise self._refusal(row, "finite x, y in metres", f"{self.centre[row].tolist()}")
 
     def _check_line(self) -> None:
         gaps = np.linalg.norm(_steps(self.centre), axis=1)
+        last = len(gaps) - 1
+        if gaps[last] < _SAME * np.median(gaps):
+            raise self._refusal(last, "a last point that is not the first", "the first again")
         for row in np.flatnonzero(gaps[:-1] < 1e-9) + 1:
             raise self._refusal(row, "another point than the one before", "the same")
-        last = len(gaps) - 1
-        if gaps[last] < 1e-9:
-            raise self._refusal(last, "a last point that is not the first", "the first again")
         if gaps[last] > _OPEN * gaps[:-1].max():
             raise self._refusal(
                 last,
@@ -142,6 +165,10 @@ class Track:
             )
         for row, other in crossings(_closed(self.centre)):
             raise self._refusal(row, "a line that does not cross itself", f"row {other} across it")
+
+        for row in np.flatnonzero(self._cos_half_turn < _SHARPEST - 1e-9):
+            turn = 2 * np.rad2deg(np.arccos(self._cos_half_turn[row]))
+            raise self._refusal(row, "a turn of at most 120° in one point", f"{turn:.0f}°")
 
     def _check_walls(self) -> None:
         along = _steps(self.centre)
@@ -174,7 +201,7 @@ def load_track(path: Path | str) -> Track:
     """
     path = Path(path)
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"track {path}: expected a CSV file, found {error}") from None
     texts = [line for line in map(str.strip, lines) if line and not line.startswith("#")]
@@ -191,9 +218,9 @@ def save_track(track: Track, path: Path | str) -> None:
 
 
 def _numbers(path: Path, row: int, text: str) -> list[float]:
-    cells = text.split(",")
     try:
-        values = [float(cell) for cell in cells]
+        # Python reads 1_0 as 10; a file that has it means something else.
+        values = [] if "_" in text else [float(cell) for cell in text.split(",")]
     except ValueError:
         values = []
     if len(values) != 4:
@@ -214,7 +241,7 @@ def _closed(points: ArrayLike) -> NDArray[np.float64]:
     return np.hstack([points, np.roll(points, -1, axis=0)])
 
 
-def _either_way(pairs: NDArray[np.int64], points: int) -> Iterator[tuple[int, int]]:
+def _either_way(pairs: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
     """Yield each pair of rows of a closed line as the stretch between them and as the rest."""
     for first, last in pairs.tolist():
         yield first, last
