@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,12 +84,42 @@ def test_a_pose_outside_of_all_walls_sees_none() -> None:
 
 
 @pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"poses": [[0, 0]]}, r"poses: expected shape \(n, 3\), found \(1, 2\)"),
+        ({"poses": [1.0]}, r"poses: expected shape \(n, 3\), found \(1,\)"),
+        ({"poses": np.zeros((2, 2, 3))}, r"poses: expected shape \(n, 3\), found \(2, 2, 3\)"),
+        ({"poses": [1, np.nan, 0]}, "poses: expected finite numbers, found nan"),
+        ({"poses": [1, 1, np.inf]}, "poses: expected finite numbers, found inf"),
+        ({"poses": [[1, 1, 0], [1, 1]]}, "poses: expected numbers, found"),
+        ({"beams": 0.0}, r"beams: expected shape \(b,\), found \(\)"),
+        ({"beams": [[0.0]]}, r"beams: expected shape \(b,\), found \(1, 1\)"),
+        ({"beams": [np.nan]}, "beams: expected finite numbers, found nan"),
+        ({"reach": 0}, "reach: expected a length above 0, found 0"),
+        ({"reach": -1.0}, "reach: expected a length above 0, found -1"),
+        ({"reach": np.nan}, "reach: expected a length above 0, found nan"),
+    ],
+)
+def test_scans_that_are_none_are_refused(wrong: dict[str, Any], message: str) -> None:
+    told: dict[str, Any] = {"poses": [1, 1, 0], "beams": BEAMS, "reach": 9.0}
+    with pytest.raises(InvalidInputError, match=message):
+        Walls.of(ROOM).scan(**{**told, **wrong})
+
+
+def test_many_poses_no_pose_and_an_endless_reach_are_scans() -> None:
+    walls = Walls.of(ROOM)
+    assert walls.scan(np.empty((0, 3)), BEAMS, reach=1).shape == (0, len(BEAMS))
+    assert walls.scan([[1, 1, 0], [9, 9, 0]], [0.0], reach=np.inf).tolist() == [[3.0], [np.inf]]
+
+
+@pytest.mark.parametrize(
     ("walls", "message"),
     [
         (np.empty((0, 4)), r"expected shape \(n, 4\), found \(0, 4\)"),
         ([[0, 0, 1]], r"expected shape \(n, 4\), found \(1, 3\)"),
         ([[0, 0, 1, 1], [0, 0, np.nan, 1]], "expected finite numbers, found .* at row 1"),
         ([[0, 0, 1e6, 1e6]], "expected at most 50,000,000 cells"),
+        ([[0, 0, 1e200, 1e200]], "expected at most 50,000,000 cells"),
     ],
 )
 def test_walls_that_are_none_are_refused(walls: np.ndarray, message: str) -> None:

@@ -46,6 +46,31 @@ def test_walls_stand_at_their_widths_on_their_sides() -> None:
     assert track.length == pytest.approx(2 * np.pi * 10, rel=1e-4)
 
 
+@pytest.mark.parametrize("points", [4, 5, 8, 20, 60])
+def test_walls_of_a_coarse_line_are_as_far_away_as_the_widths_say(points: int) -> None:
+    """Between two points of a polygon the walls run beside its side, no nearer than 1 % less."""
+    track = ring(10, 1, points=points)
+    side = 10 * np.cos(np.pi / points)
+    for wall, aside in ((track.left_wall, -1), (track.right_wall, 1)):
+        middle = (wall + np.roll(wall, -1, axis=0)) / 2
+        assert np.linalg.norm(middle, axis=1) == pytest.approx(side + aside, abs=0.01)
+
+
+def test_a_square_has_square_walls() -> None:
+    line, one = np.array([[0, 0], [9, 0], [9, 9], [0, 9]]), np.ones(4)
+    track = Track("square", line, one, one)
+    np.testing.assert_allclose(track.left_wall, [[1, 1], [8, 1], [8, 8], [1, 8]], atol=1e-12)
+    np.testing.assert_allclose(track.right_wall, [[-1, -1], [10, -1], [10, 10], [-1, 10]])
+
+
+def test_fine_lines_are_not_mitred() -> None:
+    """The committed demonstrations were driven between such walls."""
+    np.testing.assert_allclose(np.linalg.norm(ring(10, 1, points=25).left_wall, axis=1), 9)
+    np.testing.assert_allclose(
+        np.linalg.norm(ring(10, 1, points=23).left_wall, axis=1), 10 - 1 / np.cos(np.pi / 23)
+    )
+
+
 def test_places_lie_evenly_on_the_line_and_look_along_it() -> None:
     places = ring(10, 1, points=400).places(0.5)
     np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), 10, atol=1e-2)
@@ -75,9 +100,15 @@ def test_a_file_reads_back_number_by_number(tmp_path: Path) -> None:
         ("9,0,1,1", "9,0,1", 1, "four numbers"),
         ("9,0,1,1", "9,0,1,1,5", 1, "four numbers"),
         ("9,0,1,1", "9,left,1,1", 1, "four numbers"),
+        ("9,0,1,1", "9,1_0,1,1", 1, "four numbers"),
+        ("9,0,1,1", "9,1e200,1,1", 1, "finite x, y in metres"),
+        ("9,0,1,1", "9,0,1e200,1", 1, "a width on the right in metres"),
         ("0,9,1,1\n", "", 3, "at least four points"),
         ("9,9,1,1\n", "9,0,1,1\n", 2, "another point than the one before"),
         ("0,9,1,1\n", "0,9,1,1\n0,0,1,1\n", 4, "not the first"),
+        ("0,9,1,1\n", "0,9,1,1\n0,0.001,1,1\n", 4, "not the first"),
+        ("0,9,1,1\n", "0,9,1,1\n1e-7,1e-7,1,1\n", 4, "not the first"),
+        ("9,9,1,1\n", "5,0.5,1,1\n9,9,1,1\n", 1, "at most 120° in one point, found 173°"),
         ("9,9,1,1\n0,9,1,1\n", "0,9,1,1\n9,9,1,1\n", 1, "does not cross itself"),
         ("0,9,1,1\n", "4.5,9,1,1\n4.5,0,1,1\n", 0, "does not cross itself"),
     ],
@@ -89,6 +120,13 @@ def test_what_is_no_track_is_refused_with_its_row(
     path = write(tmp_path / "square.csv", SQUARE.replace(old, new))
     with pytest.raises(InvalidInputError, match=f"square.*, row {row}: expected .*{expected}"):
         load_track(path)
+
+
+def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path: Path) -> None:
+    (tmp_path / "marked.csv").write_bytes(b"\xef\xbb\xbf" + SQUARE.encode())
+    (tmp_path / "bare.csv").write_bytes(b"\xef\xbb\xbf" + SQUARE.split("\n", 1)[1].encode())
+    for name in ("marked", "bare"):
+        assert len(load_track(tmp_path / f"{name}.csv").centre) == 4
 
 
 def test_an_open_line_is_refused_with_its_last_row(tmp_path: Path) -> None:

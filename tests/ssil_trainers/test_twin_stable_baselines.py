@@ -50,6 +50,27 @@ def test_steps_and_infos_are_those_of_single_environments() -> None:
             np.testing.assert_allclose(one["position"], other["position"])
 
 
+def test_a_car_that_leaves_the_road_in_its_last_step_was_not_cut_off() -> None:
+    full_lock = np.ones((CARS, 2), dtype=np.float32)
+    long, _ = pair(episode_steps=500)
+    long.seed(4)
+    long.reset()
+    steps, ended = 0, np.zeros(CARS, dtype=bool)
+    while not ended.any():
+        _, _, ended, _ = long.step(full_lock)
+        steps += 1
+    both = pair(episode_steps=steps)
+    for envs in both:
+        envs.seed(4)
+        envs.reset()
+        for _ in range(steps - 1):
+            envs.step(full_lock)
+        _, _, last, infos = envs.step(full_lock)
+        assert last.all()
+        assert [info["TimeLimit.truncated"] for info in infos] == (~ended).tolist()
+    assert not ended.all()
+
+
 def test_ppo_learns_the_same_policy_on_either() -> None:
     policies = []
     for envs in pair(episode_steps=200):

@@ -47,12 +47,12 @@ def single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, A
 def side_by_side(task: str, count: int) -> VectorEnv[Any, Any, Any]:
     """Make `count` environments that are stepped together; errors as in `spec_of`.
 
-    The project's own tasks have a vectorised twin, any other is stepped one by one. An ended
-    episode starts anew in the same step.
+    The project's own tasks have a vectorised twin, any other is stepped one by one, and so is the
+    racetrack with highway-env's traffic. An ended episode starts anew in the same step.
     """
     spec, mode = spec_of(task), AutoresetMode.SAME_STEP
     try:
-        if spec.id in TASKS.values():
+        if spec.id in TASKS.values() and not spec.kwargs.get("other_vehicles"):
             return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)
         return gymnasium.make_vec(
             spec,
@@ -65,7 +65,8 @@ def side_by_side(task: str, count: int) -> VectorEnv[Any, Any, Any]:
 
 
 def _number(text: str) -> int | float | str:
-    for kind in (int, float):
+    """Return the number that a text means; 1_0 is none, though Python reads it as 10."""
+    for kind in (int, float) if "_" not in text else ():
         try:
             return kind(text)
         except ValueError:
