@@ -27,11 +27,12 @@ import numpy as np
 import ssil_trainers.envs  # noqa: F401  registers the ids
 from gymnasium.vector import AutoresetMode
 from rivals.plain_racetrack import PlainRacetrack
-from rivals.raycast import poses, scanners
+from rivals.raycast import many_scans, poses, scanners
 
 ROUNDS = 9
 SECONDS = 0.4
 """Processor time of a row in one round."""
+MANY = "our rays, centre line, 2,000 scans in one call"
 
 Driver = Callable[[np.ndarray], np.ndarray]
 """From states (n, d) to actions (n, k); its time does not count."""
@@ -167,9 +168,9 @@ def print_speeds(world: World) -> None:
 
 
 def print_scans() -> None:
-    """Print the microseconds of one scan of 19 beams, one call for each scan."""
+    """Print the microseconds of one scan of 19 beams: one call for each, and many in one call."""
     places, ways = poses(), scanners()
-    spent: dict[str, list[float]] = {name: [] for name in ways}
+    spent: dict[str, list[float]] = {name: [] for name in [*ways, MANY]}
     for scan in ways.values():
         scan(places[0])
     for _ in range(ROUNDS):
@@ -178,6 +179,9 @@ def print_scans() -> None:
             for place in places:
                 scan(place)
             spent[name].append(1e6 * (time.process_time() - begin) / len(places))
+        begin = time.process_time()
+        many_scans(places)
+        spent[MANY].append(1e6 * (time.process_time() - begin) / len(places))
     print(
         "one scan of 19 beams, training track, reach 10 m, µs: "
         + ", ".join(f"{name} {statistics.median(times):.1f}" for name, times in spent.items())

@@ -25,6 +25,7 @@ from ssil_trainers.envs.tracks import TRAINING_TRACK, named_track
 
 BEAMS = np.linspace(-np.pi / 2, np.pi / 2, 19)
 REACH, PIXEL, RIM = 10.0, 0.05, 2.0
+_WALLS = named_track(TRAINING_TRACK).walls
 
 Scan = Callable[[NDArray[np.float64]], object]
 """From one pose (3,) to its 19 ranges."""
@@ -51,6 +52,11 @@ def scanners() -> dict[str, Scan]:
         if place:
             found["f1tenth_gym, map"] = _theirs(Path(place), drawn)
     return found
+
+
+def many_scans(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ranges (n, 19) from poses (n, 3) on the training track, by one call."""
+    return _WALLS.scan(places, BEAMS, reach=REACH)
 
 
 def draw(track: Track, folder: Path) -> Path:

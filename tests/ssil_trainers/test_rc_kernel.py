@@ -38,6 +38,24 @@ def test_a_spike_through_any_side_of_the_car_touches_it(
     assert rc_kernel.touches(world, 0.0, 0.0, heading) is hit
 
 
+@pytest.mark.parametrize(
+    ("walls", "row"),
+    [
+        ([], -1),
+        ([[3.2, 0.13, 3.2, 1.0]], 1),  # a spike through the left side, seen by no corner
+        ([[3.3, -0.5, 3.3, 0.5]], 1),  # a wall across the whole car
+        ([[-0.5, -0.25, 0.5, -0.25]], 0),  # nearer than a start aside on the right
+        ([[-0.5, -0.13, 0.5, -0.13], [-0.5, -0.12, 0.5, -0.12]], 0),
+    ],
+)
+def test_a_start_is_blocked_by_a_wall_through_the_car(walls: list[list[float]], row: int) -> None:
+    starts = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    world = RCCar().on(named_track("hall"))
+    aside = 0.0 if row == 1 else 0.15
+    world = world._replace(grid=Walls.of([*ROOM, *walls]).grid, starts=starts, aside=aside)
+    assert rc_kernel.blocked_start(world, np.zeros(1)) == row
+
+
 def test_a_held_wheel_turns_the_car_along_its_circle() -> None:
     car = RCCar(steering_lag=0.0, substeps=200)
     env = RCLidarEnv("yard", car=car)
