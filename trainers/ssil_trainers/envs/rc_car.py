@@ -172,8 +172,9 @@ class Fleet:
 
     def begin(self, which: NDArray[np.bool_]) -> None:
         """Begin the next episode of those cars (n,)."""
-        rc_kernel.begin(self.world, self.rows, which, self._states)
-        self._begun |= which
+        if which.any():
+            rc_kernel.begin(self.world, self.rows, which, self._states)
+            self._begun |= which
 
     def advance(self, which: NDArray[np.bool_], actions: NDArray[np.float64]) -> None:
         """Drive those cars (n,) for one period by their actions (n,); `hits` tells who hit."""
