@@ -277,3 +277,11 @@ def test_a_real_track_that_comes_too_close_to_itself_is_refused(shared_data: Pat
     """Montreal's stretches lie 1.9 m apart where the widths ask for 2.2."""
     with pytest.raises(InvalidInputError, match="row 510: expected walls that do not cross"):
         load_track(shared_data / "tracks" / "Montreal_centerline.csv")
+
+
+@pytest.mark.parametrize("width", [50.0, 500.0])
+def test_widths_that_leave_no_wall_inside_are_refused(shared_data: Path, width: float) -> None:
+    real = load_track(shared_data / "tracks" / "Spielberg_centerline.csv")
+    wide = np.full(len(real.centre), width)
+    with pytest.raises(InvalidInputError, match=f"leave a wall on the right, found {width:g} m"):
+        Track("wide", real.centre, wide, wide)

@@ -173,6 +173,12 @@ class Track:
     def _check_walls(self) -> None:
         along = _steps(self.centre)
         for side, wall in (("right", self.right_wall), ("left", self.left_wall)):
+            if len(np.unique(wall, axis=0)) < len(wall) / 2:  # its loops swallowed it
+                width = getattr(self, side)
+                row = int(width.argmax())
+                wanted = f"widths that leave a wall on the {side}"
+                raise self._refusal(row, wanted, f"{width[row]:g} m")
+        for side, wall in (("right", self.right_wall), ("left", self.left_wall)):
             ways = np.sum(_steps(wall) * along, axis=1)
             for row in np.flatnonzero(ways < -1e-9 * np.sum(along**2, axis=1)):
                 raise self._refusal(
