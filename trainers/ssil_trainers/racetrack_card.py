@@ -11,7 +11,7 @@ from ssil_trainers.envs.highway import HIGHWAY_IDS, SIMULATION_HZ
 from ssil_trainers.envs.starts import START_SPEEDS
 from ssil_trainers.ppo import PPOSettings
 from ssil_trainers.racetrack_demonstrations import Collected, RacetrackSettings
-from ssil_trainers.recording import Taken
+from ssil_trainers.recording import Taken, drivers_table
 from ssil_trainers.tiers import BANDS, EXPERT
 
 _LIBRARIES = ("highway-env", "gymnasium", "stable-baselines3", "torch", "numpy")
@@ -81,7 +81,7 @@ speeds 0–20 m/s.
 
 ## Drivers
 
-{_drivers(collected)}
+{drivers_table(collected.taken, (EXPERT, *(band.tier for band in BANDS)))}
 """
 
 
@@ -140,13 +140,3 @@ def _run(ppo: PPOSettings) -> str:
         f"{ppo.steps:,} steps, learning rate {ppo.learning_rate:g}, "
         f"a checkpoint every {ppo.keep_every * ppo.rollout * ppo.environments:,}"
     )
-
-
-def _drivers(collected: Collected) -> str:
-    rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
-    for tier in (EXPERT, *(band.tier for band in BANDS)):
-        of_tier = [t for t in collected.taken if t.tier == tier]
-        for driver in dict.fromkeys(t.drive.driver for t in of_tier):
-            taken = [t for t in of_tier if t.drive.driver == driver]
-            rows.append(f"| {tier} | {driver} | {len(taken)} | {sum(t.pairs for t in taken):,} |")
-    return "\n".join(rows)

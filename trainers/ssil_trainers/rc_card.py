@@ -9,7 +9,7 @@ import numpy as np
 
 from ssil_trainers.envs.tracks import TEST_TRACKS, TRAINING_TRACK, named_track
 from ssil_trainers.rc_demonstrations import RC_BANDS, RCCollected, RCSettings
-from ssil_trainers.recording import Taken
+from ssil_trainers.recording import Taken, drivers_table
 from ssil_trainers.tiers import EXPERT
 
 _LIBRARIES = ("numba", "gymnasium", "stable-baselines3", "torch", "numpy")
@@ -73,7 +73,7 @@ x, y of the rear axle in metres before the action; `reward` is 1 after an action
 {_chosen(settings)}
 ## Drivers
 
-{_drivers(collected)}
+{drivers_table(collected.taken, (EXPERT, *(band.tier for band in RC_BANDS)))}
 """
 
 
@@ -145,13 +145,3 @@ def _run(settings: RCSettings) -> str:
         f"{ppo.steps:,} steps each,\n  learning rate {ppo.learning_rate:g}, "
         f"a checkpoint every {ppo.keep_every * ppo.rollout * ppo.environments:,}"
     )
-
-
-def _drivers(collected: RCCollected) -> str:
-    rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
-    for tier in (EXPERT, *(band.tier for band in RC_BANDS)):
-        of_tier = [t for t in collected.taken if t.tier == tier]
-        for driver in dict.fromkeys(t.drive.driver for t in of_tier):
-            taken = [t for t in of_tier if t.drive.driver == driver]
-            rows.append(f"| {tier} | {driver} | {len(taken)} | {sum(t.pairs for t in taken):,} |")
-    return "\n".join(rows)

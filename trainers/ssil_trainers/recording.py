@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -67,6 +67,19 @@ class Taken:
             tier=self.tier,
             ending=self.drive.ending if kept.stop == len(self.drive) else "cut",
         )
+
+
+def drivers_table(taken: Sequence[Taken], tiers: Sequence[str]) -> str:
+    """Return who drove how much of each tier, as a table in Markdown."""
+    rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
+    for tier in tiers:
+        of_tier = [one for one in taken if one.tier == tier]
+        for driver in dict.fromkeys(one.drive.driver for one in of_tier):
+            driven = [one for one in of_tier if one.drive.driver == driver]
+            rows.append(
+                f"| {tier} | {driver} | {len(driven)} | {sum(one.pairs for one in driven):,} |"
+            )
+    return "\n".join(rows)
 
 
 def record(
