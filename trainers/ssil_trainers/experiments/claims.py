@@ -1,7 +1,8 @@
 """What the paper claims of its experiments, and what its controls ask, each with its rule.
 
-A factor is the one the text states; where the paper's own table says otherwise, a note tells.
-Claims that a number is "similar" to another, and opinions, are left out.
+A factor is the one the text states, 1 where it states none or a range over several numbers of
+labels; where the paper's own table says otherwise, a note tells. Claims that a number is "similar"
+to another, and opinions, are left out. The paper's RC scores are maxima, ours are final ones.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ _TITLES = {
     "clone": "behaviour cloning",
 }
 _SWAPPED = "the text gives 87.8 % and 98.3 % the wrong way round; by its table it is {}"
+_FEW = "three seeds cannot decide it: one resample in nine draws the same seed three times"
+_LEAST = "the text says {} at least; by its table it is {}"
 
 _RACETRACK_FACTORS: dict[str, list[tuple[int, str, str, float, str]]] = {
     "SSIL vs GAIL": [
@@ -59,15 +62,15 @@ _RACETRACK_FACTORS: dict[str, list[tuple[int, str, str, float, str]]] = {
     "VAE, windowVAE vs MDN, GPR": [
         (100, "ssil-windowvae", "ssil-gpr", 6.37, ""),
         (300, "ssil-windowvae", "ssil-gpr", 1.0214, ""),
-        (600, "ssil-windowvae", "ssil-gpr", 1.187, ""),
-        (1_200, "ssil-windowvae", "ssil-gpr", 1.008, "below the text's least gain of 2.14 %"),
+        (600, "ssil-windowvae", "ssil-gpr", 1.0, ""),
+        (1_200, "ssil-windowvae", "ssil-gpr", 1.0, _LEAST.format("2.14 %", ".8 %")),
         (100, "ssil-mdn", "ssil-vae", 1.854, ""),
         (300, "ssil-mdn", "ssil-vae", 1.00661, ""),
-        (600, "ssil-vae", "ssil-mdn", 1.295, ""),
-        (1_200, "ssil-mdn", "ssil-vae", 1.002, "below the text's least gain of .661 %"),
+        (600, "ssil-vae", "ssil-mdn", 1.0, ""),
+        (1_200, "ssil-mdn", "ssil-vae", 1.0, _LEAST.format(".661 %", ".2 %")),
         (100, "ssil-windowvae", "ssil-mdn", 3.19, ""),
-        (300, "ssil-mdn", "ssil-windowvae", 1.16, ""),
-        (600, "ssil-windowvae", "ssil-mdn", 1.243, ""),
+        (300, "ssil-mdn", "ssil-windowvae", 1.0, ""),
+        (600, "ssil-windowvae", "ssil-mdn", 1.0, ""),
         (1_200, "ssil-windowvae", "ssil-mdn", 1.016, ""),
     ],
 }
@@ -84,6 +87,8 @@ _RC_STEADIER = [
     ("ssil-vae", "ssil-mdn"),
     ("ssil-windowvae", "gail"),
     ("ssil-windowvae", "ssil-mdn"),
+    ("gail", "ssil-mdn"),
+    ("mixgail", "gail"),
 ]
 
 
@@ -105,7 +110,7 @@ def claims() -> Iterator[Claim]:
     for steadier, other in _RC_STEADIER:
         statement = f"RC car: {_title(steadier, None)} deviates less than {_title(other, None)}"
         rule = Steadier(RC_LIDAR.name, None, steadier, other)
-        yield Claim(statement, "RC car experimental results", rule)
+        yield Claim(statement, "RC car experimental results", rule, _FEW)
 
 
 def controls() -> Iterator[Claim]:
@@ -127,10 +132,12 @@ def _steadier_than_gail(where: str) -> Iterator[Claim]:
     for labels in (600, 1_200):
         for steadier in ("ssil-vae", "ssil-windowvae"):
             statement = f"{labels:,} labels: {_TITLES[steadier]} deviates less than GAIL (mixed)"
-            yield Claim(statement, where, Steadier(RACETRACK.name, labels, steadier, "gail-mixed"))
+            rule = Steadier(RACETRACK.name, labels, steadier, "gail-mixed")
+            yield Claim(statement, where, rule, _FEW)
 
 
 def _scarce_labels() -> Iterator[Claim]:
+    """Read the conclusion's "SSIL" as SSIL (VAE), which the text before calls the best one."""
     for baseline in ("gail", "gail-mixed", "mixgail"):
         for labels in (100, 300):
             rule = Exceeds(RACETRACK.name, labels, "ssil-vae", baseline)
