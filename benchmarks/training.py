@@ -41,7 +41,7 @@ STEPS = 61_440
 
 def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
     """Return a run of a method on the racetrack, which leaves no files."""
-    run = "windowvae" if METHODS[method].needs_run else None
+    run = "windowvae" if METHODS[method].takes_run else None
     pairs = dataset.pairs()
     demonstrations = Demonstrations(
         pairs.states,

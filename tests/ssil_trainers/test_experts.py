@@ -17,6 +17,7 @@ from toy import demonstrations
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
+from ssil_data.field import auto_alpha
 
 BOX = ActionBox(np.full(1, -2, np.float32), np.full(1, 2, np.float32))
 
@@ -88,7 +89,17 @@ def test_shuffled_leverage_has_the_same_values_and_follows_the_seed() -> None:
     assert one.mean() == pytest.approx(mean, abs=0.03)
 
 
-@pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled", "clone-leverage"])
+def test_mixgail_without_a_run_fits_its_own_kernel() -> None:
+    of = demonstrations()
+    alone = METHODS["mixgail"].shaping(replace(of, leverage=None, field=None), 0)
+    fitted = of.field_of(of.leverage, auto_alpha(of.standardiser(of.states)))
+    np.testing.assert_array_equal(alone(of.states[:50]), fitted.cor(of.states[:50]))
+    given = METHODS["mixgail"].shaping(of, 0)
+    np.testing.assert_array_equal(given(of.states[:50]), of.field.cor(of.states[:50]))
+    assert not METHODS["mixgail"].needs_run and METHODS["mixgail"].takes_run
+
+
+@pytest.mark.parametrize("method", ["ssil", "shuffled", "clone-leverage"])
 def test_without_a_run_there_is_no_leverage_to_ask(method: str) -> None:
     of = replace(demonstrations(), leverage=None, field=None)
     row = METHODS[method]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardiser
-from ssil_data.field import LeverageField
+from ssil_data.field import LeverageField, auto_alpha
 from ssil_trainers.experts import Experts
 from ssil_trainers.policy import ActionBox
 from ssil_trainers.settings import TrainSettings
@@ -30,6 +30,7 @@ class Demonstrations:
     """n pairs in raw units, which are labeled, and what a run says of them if there is one.
 
     states (n, d), actions (n, k), labeled (n,) bool, leverage (n,) or None, field or None.
+    `threads`: of a field that is made here, None for all processors.
     """
 
     states: NDArray[np.float32]
@@ -37,6 +38,7 @@ class Demonstrations:
     labeled: NDArray[np.bool_]
     leverage: NDArray[np.float32] | None = None
     field: Field | None = None
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse unequal lengths, and demonstrations without a labeled pair."""
@@ -50,6 +52,12 @@ class Demonstrations:
     def standardiser(self) -> Standardiser:
         """The standardisation by all demonstrations."""
         return Standardiser.of(self.states)
+
+    def field_of(self, leverage: NDArray[np.float32], alpha: float) -> LeverageField:
+        """Return a field over these states, in this process, of leverage (n,)."""
+        return LeverageField(
+            self.states, leverage, self.labeled, self.standardiser, alpha, threads=self.threads
+        )
 
 
 Weights = Callable[[Demonstrations], NDArray[np.floating]]
@@ -79,10 +87,12 @@ def no_shaping(of: Demonstrations, seed: int) -> Shaping:
 
 
 def cor(of: Demonstrations, seed: int) -> Shaping:
-    """Pay CoR, with the unlabeled states as the negative ones."""
-    if of.field is None:
-        raise _NEEDS_RUN
-    return constraint_reward(of.field)
+    """Pay CoR, with the unlabeled states as the negative ones; without a run, α is fitted here."""
+    field = of.field
+    if field is None:
+        alpha = auto_alpha(of.standardiser(of.states))
+        field = of.field_of(of.labeled.astype(np.float32), alpha)
+    return constraint_reward(field)
 
 
 def lcor(of: Demonstrations, seed: int) -> Shaping:
@@ -97,10 +107,7 @@ def lcor_shuffled(of: Demonstrations, seed: int) -> Shaping:
     if of.field is None or of.leverage is None:
         raise _NEEDS_RUN
     mixed = np.random.default_rng([seed, 4]).permutation(of.leverage)
-    alpha = of.field.alpha
-    return leverage_constraint_reward(
-        LeverageField(of.states, mixed, of.labeled, of.standardiser, alpha)
-    )
+    return leverage_constraint_reward(of.field_of(mixed, of.field.alpha))
 
 
 @dataclass(frozen=True)
@@ -112,9 +119,14 @@ class Method:
     fixed: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def needs_run(self) -> bool:
-        """Whether it asks for leverage."""
+    def takes_run(self) -> bool:
+        """Whether a scoring run means anything to it."""
         return self.experts is by_leverage or self.shaping is not no_shaping
+
+    @property
+    def needs_run(self) -> bool:
+        """Whether it asks for leverage; CoR knows which pairs are labeled and no more."""
+        return self.takes_run and self.shaping is not cor
 
     def settings(self, given: TrainSettings) -> TrainSettings:
         """Return the settings with those that make the method."""

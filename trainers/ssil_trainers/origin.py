@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ssil_data.client import RemoteStore, connect
+from ssil_data.client import RemoteDataset
 from ssil_data.commands.output import Place, progress
+from ssil_data.commands.serving import asked
+from ssil_data.dataset import Dataset
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.labels import expert_return, scored_like, with_labels
 from ssil_trainers.methods import METHODS, Demonstrations
@@ -23,9 +27,10 @@ class Origin:
     dataset:
         The demonstrations.
     run:
-        The scoring run whose leverage is asked; gail, gail-mixed, constant and clone ask none.
+        The scoring run whose leverage is asked; gail, gail-mixed, constant and clone ask none,
+        mixgail only for its kernel's sharpness, which it otherwise fits itself.
     service:
-        URL of a service to ask instead of the store.
+        URL of a service that is asked; without it, one inside this process is.
     labels:
         Take only the first labeled pairs, this many, as if the expert had given no more. The run
         is made again on them if it was not before.
@@ -45,33 +50,54 @@ class Lessons:
     expert_return: float | None
     identity: dict[str, Any]
 
+    @classmethod
+    def of(
+        cls, dataset: Dataset | RemoteDataset, run: str | None, *, threads: int | None = None
+    ) -> Lessons:
+        """Read a dataset, and the leverage and field of a run if one is named.
 
-def open_lessons(origin: Origin, method: str, place: Place) -> Lessons:
-    """Open what a method learns from; a method that asks no leverage is given none.
+        A field of this process is asked by `threads`, or by all processors.
+        """
+        pairs = dataset.pairs()
+        how: dict[str, Any] = {"threads": threads} if isinstance(dataset, Dataset) else {}
+        demonstrations = Demonstrations(
+            states=pairs.states,
+            actions=pairs.actions,
+            labeled=dataset.per_pair("labeled").astype(bool),
+            leverage=None if run is None else np.asarray(dataset.leverage(run)),
+            field=None if run is None else dataset.field(run, **how),
+            threads=threads,
+        )
+        identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
+        return cls(demonstrations, expert_return(dataset), identity)
+
+
+@contextmanager
+def open_lessons(origin: Origin, method: str, place: Place) -> Iterator[Lessons]:
+    """Open what a method learns from, as long as it learns; one that asks no leverage has none.
 
     Raises InvalidInputError for a missing run or fewer labels at a service, NotFoundError.
     """
-    run = origin.run if METHODS[method].needs_run else None
-    if METHODS[method].needs_run and run is None:
+    row = METHODS[method]
+    if row.needs_run and origin.run is None:
         raise InvalidInputError(f"{method}: expected --run, whose leverage it asks for, found none")
-    store = place.open() if origin.service is None else connect(origin.service)
-    dataset = store[origin.dataset]
+    run, name = origin.run if row.takes_run else None, origin.dataset
     if origin.labels is not None:
-        if isinstance(store, RemoteStore):
-            raise InvalidInputError(
-                "--labels: expected a store, found --service; name a dataset with fewer labels"
-            )
-        dataset = with_labels(store, origin.dataset, origin.labels)
-        if run is not None:
-            with progress() as report:
-                scored_like(dataset, store[origin.dataset], run, report)
-    pairs = dataset.pairs()
-    demonstrations = Demonstrations(
-        states=pairs.states,
-        actions=pairs.actions,
-        labeled=dataset.per_pair("labeled").astype(bool),
-        leverage=None if run is None else np.asarray(dataset.leverage(run)),
-        field=None if run is None else dataset.field(run),
-    )
-    identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
-    return Lessons(demonstrations, expert_return(dataset), identity)
+        name = _with_labels(origin, run, place)
+    with asked(place, origin.service) as store:
+        yield Lessons.of(store[name], run)
+
+
+def _with_labels(origin: Origin, run: str | None, place: Place) -> str:
+    """Return the name of the dataset with fewer labels, with its run made."""
+    assert origin.labels is not None
+    if origin.service is not None:
+        raise InvalidInputError(
+            "--labels: expected a store, found --service; name a dataset with fewer labels"
+        )
+    store = place.open()
+    dataset = with_labels(store, origin.dataset, origin.labels)
+    if run is not None:
+        with progress() as report:
+            scored_like(dataset, store[origin.dataset], run, report)
+    return dataset.name

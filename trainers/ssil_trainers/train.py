@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ssil_data.client import ServiceError
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
 from ssil_trainers.methods import METHODS
 from ssil_trainers.origin import Origin, open_lessons
 from ssil_trainers.screen import events, screen
 from ssil_trainers.settings import PAPER, TrainSettings
 from ssil_trainers.tasks import side_by_side, spec_of
-from ssil_trainers.training import POLICY, Job
+from ssil_trainers.training import CHECKPOINT, POLICY, Job
 from ssil_trainers.training import train as train_job
 
 Name = Literal[
@@ -57,28 +59,36 @@ def train(
     spec_of(env)
     settings = replace(settings, **PAPER) if preset == "paper" else settings
     folder = output or _folder(method, env, origin, settings.seed)
-    lessons = open_lessons(origin, method, place)
-    job = Job(
-        method=method,
-        settings=settings,
-        demonstrations=lessons.demonstrations,
-        worlds=lambda count: side_by_side(env, count),
-        origin={"env": env, **lessons.identity},
-        expert_return=lessons.expert_return,
-        folder=folder,
-    )
     iterations = METHODS[method].settings(settings).iterations
     try:
-        with screen(f"{method} {env}", iterations) as seen, events(folder, seen) as seen:
-            trained = train_job(job, resume=resume, seen=seen)
+        with open_lessons(origin, method, place) as lessons:
+            job = Job(
+                method=method,
+                settings=settings,
+                demonstrations=lessons.demonstrations,
+                worlds=lambda count: side_by_side(env, count),
+                origin={"env": env, **lessons.identity},
+                expert_return=lessons.expert_return,
+                folder=folder,
+            )
+            with screen(f"{method} {env}", iterations) as seen, events(folder, seen) as seen:
+                trained = train_job(job, resume=resume, seen=seen)
+    except ServiceError as error:
+        raise ServiceError(f"{error}. {_on_from(folder)}") from None
     except KeyboardInterrupt:
-        print(f"Stopped. The same command with --resume goes on from the checkpoint in {folder}.")
+        print(f"Stopped. {_on_from(folder)}", file=sys.stderr)
         raise SystemExit(130) from None
     result = {"policy": str(folder / POLICY), **trained.policy.described["evaluated"]}
     if json:
         print_json(result)
     else:
         print_table(f"{method} on {env}", [result])
+
+
+def _on_from(folder: Path) -> str:
+    if not (folder / CHECKPOINT).exists():
+        return "Nothing was written."
+    return f"The same command with --resume goes on from the checkpoint in {folder}."
 
 
 def _folder(method: str, env: str, origin: Origin, seed: int) -> Path:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ssil_data.commands.output import Place
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import quality
 from ssil_data.storage import Folder
@@ -21,7 +20,7 @@ from ssil_trainers.evaluate import drive
 from ssil_trainers.experiments.lessons import Fit
 from ssil_trainers.experiments.protocol import Table
 from ssil_trainers.methods import METHODS
-from ssil_trainers.origin import Origin, open_lessons
+from ssil_trainers.origin import Lessons
 from ssil_trainers.policy import Policy
 from ssil_trainers.settings import TrainSettings
 from ssil_trainers.tasks import side_by_side, single
@@ -99,7 +98,7 @@ class Training(Task):
         wall, processor = time.perf_counter(), time.process_time()
         table, method = self.table, self.cell.method
         run = None if self.fit is None else self.fit.run
-        lessons = open_lessons(Origin(self.dataset, run), method, Place(self.store))
+        lessons = Lessons.of(Store(self.store)[self.dataset], run, threads=1)
         full = table.full_score or lessons.expert_return
         if full is None:
             raise InvalidInputError(f"{self.dataset}: expected scored episodes with rewards")
