@@ -29,6 +29,7 @@ from ssil_data.commands.output import Place
 from ssil_data.commands.serving import asked
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
+from ssil_data.field import LeverageField
 from ssil_data.scoring import score
 from ssil_data.store import Store
 
@@ -75,6 +76,13 @@ def files(folder: Path) -> list[bytes]:
 def undisturbed(store: Store, folder: Path) -> list[bytes]:
     train(job(Lessons.of(store["toy"], "vae"), folder))
     return files(folder)
+
+
+def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
+    for threads in (1, None):
+        of = Lessons.of(laid["toy"], "vae", threads=threads).demonstrations
+        for field in (of.field, of.field_of(of.leverage, 1.0)):
+            assert isinstance(field, LeverageField) and field.threads == threads
 
 
 @pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled"])

@@ -210,13 +210,11 @@ def test_every_chart_draws_a_panel_for_each_number_of_labels(small: Plan):
             assert f">{text}</text>" in svg
 
 
-def test_workers_have_one_thread_and_one_core_and_are_broken_off_by_a_stop():
+def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
     before, children = os.environ.get("OMP_NUM_THREADS"), []
     with pytest.raises(KeyboardInterrupt), pool(1) as executor:
         assert executor.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
         assert executor.submit(torch.get_num_threads).result() == 1
-        if hasattr(os, "sched_getaffinity"):
-            assert len(executor.submit(os.sched_getaffinity, 0).result()) == 1
         children = multiprocessing.active_children()
         sleeping = executor.submit(time.sleep, 600)
         while not sleeping.running():

@@ -30,27 +30,22 @@ class Named(Protocol):
 Tell = Callable[[str], None]
 
 
-def processors() -> list[int]:
-    """Return the cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
+def processors() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Open so many spawned workers of one thread each, bound to one core each.
+    """Open so many spawned workers of one thread each; what they do must not ask for more.
 
     If anything is raised inside, Ctrl-C included, what the workers are doing is broken off.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    cores = context.SimpleQueue()
-    for number in range(workers):
-        cores.put(processors()[number % len(processors())])
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(cores,))
+    executor = ProcessPoolExecutor(workers, context, initializer=_begin)
     try:
         yield executor
     except BaseException:
@@ -80,11 +75,9 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
 
 
-def _begin(cores: multiprocessing.SimpleQueue[int]) -> None:
-    """Leave Ctrl-C to the parent, and keep to one core: kernels use as many threads as cores."""
+def _begin() -> None:
+    """Leave Ctrl-C to the parent, and keep torch to one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {cores.get()})
     import torch
 
     torch.set_num_threads(1)

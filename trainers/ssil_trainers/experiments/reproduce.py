@@ -82,7 +82,7 @@ def reproduce(
         work=output / "work",
     )
     try:
-        results = run(plan, workers=workers or len(processors()), tell=_to_screen)
+        results = run(plan, workers=workers or processors(), tell=_to_screen)
     except KeyboardInterrupt:
         print(f"Stopped. The same command goes on from the finished cells in {output / 'cells'}.")
         raise SystemExit(130) from None
