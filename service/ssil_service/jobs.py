@@ -1,206 +1,200 @@
-"""Scoring jobs: accepted durably, run in worker processes, found again after a crash."""
+"""Scoring jobs: accepted durably, run one after another, found again after a crash."""
 
 from __future__ import annotations
 
+import hashlib
+import logging
 import secrets
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
-from threading import Condition, Thread
+from dataclasses import dataclass, replace
+from threading import Thread
 from typing import Any
 
 from ssil_data.errors import ConflictError, NotFoundError, SsilDataError
-from ssil_data.runs import Run
-from ssil_data.store import Store
-from ssil_service.pool import Pool, TaskError, Worker
-from ssil_service.problems import Problem, busy, of_library
-from ssil_service.state import KEPT, State
+from ssil_service.journal import ENDED, JobRecord
+from ssil_service.ledger import Entry, Ledger, now
+from ssil_service.logs import told
+from ssil_service.pool import Pool, Worker
+from ssil_service.problems import Problem, busy
+from ssil_service.runner import Ending, Runner, fault
+from ssil_service.state import State
 
-ENDED = ("succeeded", "failed", "cancelled")
-_STOPPED = {"kind": "ServerStoppedError", "detail": "the server stopped while the job ran"}
+_STOPPED = fault("ServerStoppedError", "the server stopped while the job ran")
+_CUT_OFF = ("CrashError", "ShutdownError")
 
 
 @dataclass(frozen=True)
-class JobRecord:
-    """A job as it is journalled; times are ISO 8601 in UTC."""
+class Order:
+    """What a client wants made: the body of the job, and the name of its run or its beginning."""
 
-    job: str
-    server: str
-    key: str | None
     dataset: str
     version: str
     body: Mapping[str, Any]
-    created: str
-    state: str = "queued"
-    run: str | None = None
-    error: Mapping[str, str] | None = None
-    started: str | None = None
-    ended: str | None = None
-
-    def shown(self, progress: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return what clients see."""
-        hidden = ("server", "key", "version", "body")
-        known = {name: value for name, value in asdict(self).items() if name not in hidden}
-        return {**known, "progress": progress}
+    run: str | None
+    stem: str
+    asked: str
+    """A digest of the request as it was sent."""
 
 
-@dataclass
-class _Entry:
-    """A job of this server: its record, its progress, and the process that it runs in."""
-
-    record: JobRecord
-    progress: dict[str, Any] | None = None
-    worker: Worker | None = None
-    cancelled: bool = False
-
-
-@dataclass
 class Board:
     """All jobs of this server, and a view of the others' of the same store."""
 
-    store: str
-    state: State
-    pool: Pool
-    running: int
-    queue: int
-    _entries: dict[str, _Entry] = field(default_factory=dict)
-    _changed: Condition = field(default_factory=Condition)
-    _closing: bool = False
+    def __init__(self, store: str, state: State, pool: Pool, running: int, queue: int) -> None:
+        """Begin without a job; `running` at once, and `queue` that wait."""
+        self.state, self.pool = state, pool
+        self.running, self.queue = running, queue
+        self.runner = Runner(store, pool)
+        self.ledger = Ledger(state.journal)
+        self.counts = self.ledger.counts
+        self._closing = False
 
     def start(self) -> None:
         """Take over what dead servers left, and begin to run jobs."""
-        with self.state.orphans() as dead:
-            records = [JobRecord(**record) for record in self.state.records()]
-            for record in sorted(records, key=lambda record: record.created):
-                if record.server in dead and record.state not in ENDED:
-                    self._take_over(record)
-                elif record.state in ENDED:
-                    self._entries[record.job] = _Entry(record)
-        self.state.forget([job for job, entry in self._entries.items() if _over(entry)])
+        with self.state.takeover() as living:
+            for record in self.state.journal.all():
+                if record.over:
+                    self.ledger.entries[record.job] = Entry(record)
+                elif record.server not in living:
+                    self._take_over(replace(record, server=self.state.server))
+        self.ledger.trim()
         for number in range(self.running):
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
 
     def _take_over(self, record: JobRecord) -> None:
-        entry = self._entries[record.job] = _Entry(replace(record, server=self.state.server))
+        entry = self.ledger.entries[record.job] = Entry(record)
         if record.state == "queued":
-            self.state.write(record.job, asdict(entry.record))
+            self.state.journal.write(record)
         else:
-            self._end(entry, error=_STOPPED)
+            self.ledger.end(entry, self.runner.cut_off(record, _STOPPED))
 
-    def submit(
-        self, dataset: str, version: str, body: Mapping[str, Any], key: str | None
-    ) -> dict[str, Any]:
+    def repeated(self, key: str | None, asked: str) -> dict[str, Any] | None:
+        """Return the job that was accepted under a key, by whichever server, if there is one.
+
+        Raises a Problem with 409 for a key used for another request.
+        """
+        record = None if key is None else self.ledger.known(_job_of(key))
+        if record is None:
+            return None
+        if record.asked != asked:
+            raise Problem(409, "Idempotency-Key: expected another, found it used before")
+        return self.get(record.job)
+
+    def submit(self, order: Order, key: str | None) -> dict[str, Any]:
         """Accept a job, or return the one that was accepted under the same key.
 
-        Raises a Problem with 429 when the queue is full, 409 for a key used for another body.
+        Raises a Problem: 429 when the queue is full, 409 for a key used for another request, 503
+        if the journal cannot be written; ConflictError for a name in use, NotFoundError.
         """
-        with self._changed:
-            known = self._of_key(key)
+        with self.state.alone():
+            known = self.repeated(key, order.asked)
             if known is not None:
-                same = (known.record.dataset, known.record.body) == (dataset, body)
-                if not same:
-                    raise Problem(409, "Idempotency-Key: expected another, found it used before")
-                return known.record.shown(known.progress)
-            unfinished = sum(not _over(entry) for entry in self._entries.values())
+                return known
+            counts = self.counts()
+            unfinished = counts["queued"] + counts["running"]
             if unfinished >= self.queue + self.running or self._closing:
                 raise busy(429, "jobs: expected a free place, found the queue full", 5)
             record = JobRecord(
-                job=secrets.token_hex(8),
+                job=secrets.token_hex(8) if key is None else _job_of(key),
                 server=self.state.server,
-                key=key,
-                dataset=dataset,
-                version=version,
-                body=body,
-                created=_now(),
+                dataset=order.dataset,
+                version=order.version,
+                body=order.body,
+                run=self._name(order),
+                stem=order.stem if order.run is None else None,
+                asked=order.asked,
+                created=now(),
             )
-            self.state.write(record.job, asdict(record))
-            self._entries[record.job] = _Entry(record)
-            self._changed.notify()
-            return record.shown()
+            self.ledger.keep(record)
+            with self.ledger.changed:
+                self.ledger.entries[record.job] = Entry(record)
+                self.ledger.changed.notify()
+        return record.shown()
 
-    def _of_key(self, key: str | None) -> _Entry | None:
-        entries = self._entries.values()
-        return next((e for e in entries if key is not None and e.record.key == key), None)
+    def _name(self, order: Order) -> str:
+        """Return the name that the job's run will have; no other job's will."""
+        reserved = self.ledger.reserved(order.dataset)
+        name = self.runner.free_name(order.dataset, order.run or order.stem, reserved)
+        if order.run not in (None, name):
+            raise ConflictError(
+                f"run of {order.dataset}: expected an unused name, found one in use or reserved"
+            )
+        return name
 
     def get(self, job: str) -> dict[str, Any]:
         """Return a job as clients see it; raises NotFoundError."""
-        entry = self._entries.get(job)
-        if entry is not None:
-            return entry.record.shown(entry.progress)
-        record = self.state.read(job) if job.isalnum() else None
+        entry, record = self.ledger.entries.get(job), self.ledger.known(job)
         if record is None:
             raise NotFoundError("job: expected one of the service's, found another")
-        return JobRecord(**record).shown()
+        return record.shown(entry.progress if entry else None)
 
     def all(self) -> list[dict[str, Any]]:
         """Return all jobs of the store's servers, the newest first."""
-        others = [JobRecord(**record) for record in self.state.records()]
-        shown = {record.job: record.shown() for record in others}
-        shown |= {job: entry.record.shown(entry.progress) for job, entry in self._copy().items()}
-        return sorted(shown.values(), key=lambda job: job["created"], reverse=True)
-
-    def counts(self) -> dict[str, int]:
-        """Count this server's jobs by state."""
-        states = [entry.record.state for entry in self._copy().values()]
-        return {state: states.count(state) for state in ("queued", "running", *ENDED)}
+        entries = self.ledger.copy()
+        progress = {job: entry.progress for job, entry in entries.items()}
+        return [each.shown(progress.get(each.job)) for each in reversed(self.ledger.records())]
 
     def cancel(self, job: str) -> dict[str, Any]:
         """Stop a job; one that has ended stays as it is.
 
         Raises NotFoundError, or ConflictError for a job of another server.
         """
-        with self._changed:
-            entry = self._entries.get(job)
+        with self.ledger.changed:
+            shown, entry = self.get(job), self.ledger.entries.get(job)
+            if shown["state"] in ENDED:
+                return shown
             if entry is None:
-                self.get(job)
                 raise ConflictError(f"job {job}: expected one of this server, found another's")
-            if not _over(entry):
+            if entry.record.state == "queued":
+                record = replace(entry.record, state="cancelled", ended=now())
+                self.ledger.keep(record)
+                entry.record = record
+            else:
                 entry.cancelled = True
-                if entry.record.state == "queued":
-                    self._finish(entry, state="cancelled")
-                elif entry.worker is not None:
+                if entry.worker is not None:
                     entry.worker.kill_soon()
-            return entry.record.shown(entry.progress)
+        return self.get(job)
 
     def close(self, grace: float) -> None:
         """Let running jobs end for `grace` seconds; queued ones are left to the next server."""
-        with self._changed:
+        with self.ledger.changed:
             self._closing = True
-            self._changed.notify_all()
-        deadline = time.monotonic() + grace
-        while self.counts()["running"] and time.monotonic() < deadline:
-            time.sleep(0.05)
+            self.ledger.changed.notify_all()
+        self._wait(grace)
         self.pool.close()
-        deadline = time.monotonic() + 5
+        self._wait(5)
+
+    def _wait(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
         while self.counts()["running"] and time.monotonic() < deadline:
             time.sleep(0.05)
-
-    def _copy(self) -> dict[str, _Entry]:
-        with self._changed:
-            return dict(self._entries)
 
     def _work(self) -> None:
-        while True:
-            with self._changed:
-                while not self._closing and self._next() is None:
-                    self._changed.wait()
-                entry = None if self._closing else self._next()
-                if entry is None:
-                    return
-                entry.record = replace(entry.record, state="running", started=_now())
-            self.state.write(entry.record.job, asdict(entry.record))
-            self._run(entry)
+        """Run jobs until the service ends; nothing that a job meets ends the thread."""
+        while (entry := self._next()) is not None:
+            try:
+                ending = self._run(entry)
+            except (SsilDataError, Problem) as error:
+                ending = self.runner.refused(error)
+            except Exception as error:
+                told("job failed", level=logging.ERROR, trace=True, job=entry.record.job)
+                ending = fault("InternalError", f"the service failed ({type(error).__name__})")
+            if self._closing and ending.error and ending.error["kind"] in _CUT_OFF:
+                ending = _STOPPED
+            self.ledger.end(entry, ending)
 
-    def _next(self) -> _Entry | None:
-        waiting = (entry for entry in self._entries.values() if entry.record.state == "queued")
-        return next(waiting, None)
+    def _next(self) -> Entry | None:
+        """Wait for a job and take it; nothing when the service ends."""
+        with self.ledger.changed:
+            while not self._closing:
+                for entry in self.ledger.entries.values():
+                    if entry.record.state == "queued":
+                        entry.record = replace(entry.record, state="running", started=now())
+                        return entry
+                self.ledger.changed.wait()
+        return None
 
-    def _run(self, entry: _Entry) -> None:
-        record = entry.record
-        arguments = {"store": self.store, "dataset": record.dataset}
-        arguments |= {"version": record.version, "body": dict(record.body)}
-
+    def _run(self, entry: Entry) -> Ending:
         def started(worker: Worker) -> None:
             entry.worker = worker
             if entry.cancelled:
@@ -209,66 +203,30 @@ class Board:
         def report(progress: dict[str, Any]) -> None:
             entry.progress = progress
 
-        try:
-            made = self.pool.run("make_run", arguments, report=report, started=started)
-        except (SsilDataError, Problem) as error:
-            self._end(entry, error={"kind": type(error).__name__, "detail": self._told(error)})
-        except TaskError as error:
-            told = {"kind": error.kind, "detail": error.detail}
-            self._end(entry, error=_STOPPED if self._closing else told)
-        else:
-            self._finish(entry, state="succeeded", run=made["run"])
+        while True:
+            self._begin(entry)
+            ending = self.runner.run(entry.record, report=report, started=started)
+            if not self._overtaken(entry, ending):
+                return ending
 
-    def _told(self, error: SsilDataError | Problem) -> str:
-        """Return an error's message without the places on the machine that it names."""
-        if isinstance(error, Problem):
-            return error.detail
-        return of_library(error, [Store(self.store).folder.uri]).detail
+    def _begin(self, entry: Entry) -> None:
+        """Journal that a job runs, under another name if somebody outside took the one it had."""
+        with self.state.alone():
+            record = entry.record
+            if record.stem is not None and self.runner.used(record):
+                reserved = self.ledger.reserved(record.dataset)
+                name = self.runner.free_name(record.dataset, record.stem, reserved)
+                entry.record = replace(record, run=name)
+            self.state.journal.write(entry.record)
 
-    def _end(self, entry: _Entry, *, error: Mapping[str, str]) -> None:
-        """End a job that gave no answer: it may have made its run before it stopped."""
-        made = self._made_run(entry.record)
-        if made is not None:
-            self._finish(entry, state="succeeded", run=made.run)
-        elif entry.cancelled:
-            self._finish(entry, state="cancelled")
-        else:
-            self._finish(entry, state="failed", error=error)
-
-    def _made_run(self, record: JobRecord) -> Run | None:
-        """Find the run of a job that was cut off: made since, as asked, and no other job's."""
-        records = [entry.record for entry in self._copy().values()]
-        taken = {other.run for other in records if other.dataset == record.dataset}
-        try:
-            runs = Store(self.store)[record.dataset].runs.all()
-        except SsilDataError:
-            return None
-        since = record.started or record.created
-        made = [run for run in runs if run.created >= since and run.run not in taken]
-        return next((run for run in made if _as_asked(run, record)), None)
-
-    def _finish(self, entry: _Entry, **change: Any) -> None:
-        entry.record = replace(entry.record, ended=_now(), **change)
-        entry.worker = None
-        self.state.write(entry.record.job, asdict(entry.record))
-        ended = [job for job, other in self._copy().items() if _over(other)]
-        for job in ended[:-KEPT]:
-            self._entries.pop(job, None)
+    def _overtaken(self, entry: Entry, ending: Ending) -> bool:
+        """Tell whether somebody outside took, meanwhile, a name that the client did not choose."""
+        record, error = entry.record, ending.error
+        conflict = error is not None and error["kind"] == ConflictError.__name__
+        given_up = entry.cancelled or self._closing
+        return conflict and not given_up and record.stem is not None and self.runner.used(record)
 
 
-def _as_asked(run: Run, record: JobRecord) -> bool:
-    body = record.body
-    if run.dataset_version != record.version or body["run"] not in (None, run.run):
-        return False
-    if "fitted" in body:
-        return True
-    same = ("estimator", "scale", "labeled_is_one", "seed")
-    return all(getattr(run, name) == body[name] for name in same)
-
-
-def _over(entry: _Entry) -> bool:
-    return entry.record.state in ENDED
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat()
+def _job_of(key: str) -> str:
+    """Return the number of the job that is accepted under a key, the same for all servers."""
+    return hashlib.sha256(key.encode()).hexdigest()[:16]

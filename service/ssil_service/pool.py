@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,11 @@ class Worker:
     def __init__(self, lock: Path, most_bytes: int) -> None:
         command = [sys.executable, "-m", "ssil_service.worker", str(lock), str(most_bytes)]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=_without_keys(os.environ),
+            start_new_session=True,
         )
         self._late = False
 
@@ -53,14 +58,8 @@ class Worker:
             watch.cancel()
 
     def _answer(self, order: dict[str, Any], report: Report) -> Any:
-        assert self._process.stdin is not None and self._process.stdout is not None
-        try:
-            self._process.stdin.write(json.dumps(order).encode() + b"\n")
-            self._process.stdin.flush()
-        except (BrokenPipeError, ValueError):  # killed before it began
-            raise self._died() from None
-        for line in self._process.stdout:
-            message = json.loads(line)
+        self._send(json.dumps(order).encode() + b"\n")
+        while message := self._heard():
             if "progress" in message:
                 report(message["progress"])
             elif "error" in message:
@@ -68,6 +67,22 @@ class Worker:
             else:
                 return message["result"]
         raise self._died()
+
+    def _send(self, line: bytes) -> None:
+        assert self._process.stdin is not None
+        with suppress(OSError, ValueError):  # killed before it began: nothing will be heard of it
+            self._process.stdin.write(line)
+            self._process.stdin.flush()
+
+    def _heard(self) -> dict[str, Any]:
+        """Return what the process says next; nothing if it ended, even within a line."""
+        assert self._process.stdout is not None
+        try:
+            message = json.loads(self._process.stdout.readline())
+        except (OSError, ValueError, RecursionError):
+            return {}
+        known = isinstance(message, dict) and {"progress", "error", "result"} & message.keys()
+        return message if known else {}
 
     def _died(self) -> TaskError:
         self.kill()
@@ -96,6 +111,12 @@ class Worker:
     def alive(self) -> bool:
         """Tell whether the process still runs."""
         return self._process.poll() is None
+
+
+def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a process that needs no keys; names in either case are settings."""
+    secret = ("SSIL_READ_KEY", "SSIL_WRITE_KEY")
+    return {name: value for name, value in environment.items() if name.upper() not in secret}
 
 
 def _error(error: dict[str, Any]) -> Exception:
@@ -134,10 +155,10 @@ class Pool:
         with self._guard:
             if self._closed:
                 raise TaskError("ShutdownError", "the service is shutting down")
-            worker = self._idle.pop() if self._idle else Worker(self.lock, self.most_bytes)
+            worker = self._idle.pop() if self._idle else self._new()
             self._busy.add(worker)
-        started(worker)
         try:
+            started(worker)
             return worker.run(task, arguments, report, self.seconds)
         finally:
             with self._guard:
@@ -147,6 +168,13 @@ class Pool:
                     self._idle.append(worker)
             if not kept:
                 worker.kill()
+
+    def _new(self) -> Worker:
+        try:
+            return Worker(self.lock, self.most_bytes)
+        except OSError as error:  # too many processes, or too little memory
+            detail = f"no process could be started ({type(error).__name__})"
+            raise TaskError("StartError", detail) from None
 
     def close(self) -> None:
         """End all workers."""

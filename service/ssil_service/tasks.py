@@ -6,7 +6,6 @@ Each task imports what it needs: a body is decoded without waiting for torch.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,31 +21,31 @@ Progress = Callable[[str, int, int], None]
 
 
 def make_run(
-    *, store: str, dataset: str, version: str, body: Mapping[str, Any], report: Progress
-) -> dict[str, Any]:
-    """Make a run as the body of a job describes it, and return its record."""
+    *, store: str, dataset: str, version: str, run: str, body: Mapping[str, Any], report: Progress
+) -> None:
+    """Make a run as the body of a job describes it; the dataset is not deleted meanwhile."""
     from ssil_data import leverage as scales
     from ssil_data.estimators import from_json
     from ssil_data.scoring import rescore, score
     from ssil_data.store import Store
 
     place = Store(store)
-    scored = place[dataset].at(version)
-    if "fitted" in body:
-        fitted = body["fitted"]
-        source = place[fitted["dataset"] or dataset]
-        made = rescore(scored, source, fitted["run"], run=body["run"], progress=report)
-    else:
-        made = score(
-            scored,
-            from_json(body["estimator"]),
-            scale=scales.settings_from_json(body["scale"]),
-            labeled_is_one=body["labeled_is_one"],
-            seed=body["seed"],
-            run=body["run"],
-            progress=report,
-        )
-    return asdict(made)
+    with place.writing(dataset) as newest:
+        scored = newest.at(version)
+        if "fitted" in body:
+            fitted = body["fitted"]
+            source = place[fitted["dataset"] or dataset]
+            rescore(scored, source, fitted["run"], run=run, progress=report)
+        else:
+            score(
+                scored,
+                from_json(body["estimator"]),
+                scale=scales.settings_from_json(body["scale"]),
+                labeled_is_one=body["labeled_is_one"],
+                seed=body["seed"],
+                run=run,
+                progress=report,
+            )
 
 
 def decode(*, source: str, target: str, most_rows: int, report: Progress) -> None:
@@ -77,9 +76,9 @@ def upload(
     report("read", 1, 1)
     place = Store(store)
     if append:
-        old = place[dataset]
-        found.refuse_other_names(old.state_names, old.action_names)
-        return old.append(found.episodes).version
+        with place.writing(dataset) as old:
+            found.refuse_other_names(old.state_names, old.action_names)
+            return old.append(found.episodes).version
     new = place.create(
         dataset,
         found.episodes,

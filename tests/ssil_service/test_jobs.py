@@ -8,9 +8,9 @@ from typing import Any
 
 import httpx
 import pytest
+from conftest import drive
 from ssil_service import embedded
 from ssil_service.launching import Server
-from ssil_service.state import State
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
@@ -103,6 +103,54 @@ def test_a_job_is_made_once_under_one_key(http: httpx.Client):
     ended(http, first)
 
 
+def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
+    http: httpx.Client, local: sd.Store
+):
+    key, body = {"Idempotency-Key": "once-for-all"}, {**QUICK, "run": "mine"}
+    first = ended(http, http.post(RUNS, json=body, headers=key).json()["job"])
+    local["drives"].append([drive(9, 5)])
+    again = http.post(RUNS, json=body, headers=key)
+    assert (again.status_code, again.json()) == (202, first)
+    assert first["state"] == "succeeded"
+    assert http.post(RUNS, json=body).status_code == 409
+    versions = local["drives"].versions
+    for version in versions:
+        other = http.post(RUNS, json={**body, "version": version}, headers=key)
+        assert other.status_code == 409
+
+
+def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):
+    key = {"Idempotency-Key": "to-whichever"}
+    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
+        clients = [first.connection.client, second.connection.client]
+        answers = [each.post(RUNS, json=QUICK, headers=key).json() for each in clients]
+        assert answers[0]["job"] == answers[1]["job"]
+        done = ended(clients[1], answers[0]["job"])
+    with embedded(folder, jobs=1) as third:
+        assert third.connection.client.post(RUNS, json=QUICK, headers=key).json() == done
+    assert sd.Store(folder)["drives"].runs.names() == ["vae", "vae-2"]
+
+
+def test_a_job_has_its_runs_name_when_it_is_accepted(http: httpx.Client):
+    waiting = [http.post(RUNS, json=body).json() for body in (LONG, QUICK, LONG)]
+    assert [job["run"] for job in waiting] == ["vae-2", "vae-3", "vae-4"]
+    assert http.post(RUNS, json={**QUICK, "run": "vae-3"}).status_code == 409
+    for job in (waiting[2], waiting[0]):
+        http.post(f"v1/jobs/{job['job']}/cancel")
+    assert ended(http, waiting[1]["job"])["run"] == "vae-3"
+    assert http.post(RUNS, json=QUICK).json()["run"] == "vae-2"
+
+
+def test_a_dataset_is_not_deleted_under_a_running_job(http: httpx.Client):
+    job = http.post(RUNS, json=LONG).json()["job"]
+    running(http, job)
+    assert http.delete("v1/datasets/drives").status_code == 409
+    http.post(f"v1/jobs/{job}/cancel")
+    ended(http, job)
+    assert http.delete("v1/datasets/drives").status_code == 204
+    assert http.get(RUNS).status_code == 404
+
+
 def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(http: httpx.Client):
     assert http.post(RUNS, json={**QUICK, "run": "vae"}).status_code == 409
     for wrong in (
@@ -137,35 +185,6 @@ def test_a_killed_server_leaves_failed_and_waiting_jobs_to_the_next(folder: Path
     assert sd.Store(folder)["drives"].damaged() == []
 
 
-def test_a_job_whose_run_was_committed_before_the_kill_has_succeeded(folder: Path):
-    """The server died after the commit and before its journal said so."""
-    dead = State(folder / ".service")
-    record = {
-        "job": "0" * 16,
-        "server": dead.server,
-        "key": None,
-        "dataset": "drives",
-        "version": sd.Store(folder)["drives"].version,
-        "created": "2000-01-01T00:00:00+00:00",
-        "started": "2000-01-01T00:00:00+00:00",
-        "state": "running",
-        "body": {
-            "run": None,
-            "estimator": {"kind": "vae", **_settings(sd.VAE(steps=20))},
-            "scale": {"kind": "quantile", "low": 0.05, "high": 0.95},
-            "labeled_is_one": False,
-            "seed": 0,
-        },
-    }
-    dead.write("0" * 16, record)
-    dead.write("1" * 16, {**record, "job": "1" * 16, "body": {**record["body"], "seed": 9}})
-    dead.release()
-    with embedded(folder, jobs=1) as store:
-        http = store.connection.client
-        assert http.get("v1/jobs/" + "0" * 16).json()["run"] == "vae"
-        assert http.get("v1/jobs/" + "1" * 16).json()["state"] == "failed"
-
-
 def test_two_servers_share_a_store(folder: Path, serve: Serve):
     servers = [serve(folder, "--jobs", "1") for _ in range(2)]
     stores: list[RemoteStore] = [connect(server.url) for server in servers]
@@ -195,12 +214,6 @@ def test_an_orderly_end_finishes_what_was_accepted(folder: Path, serve: Serve):
     assert server.stop() == 0
     assert sd.Store(folder)["drives"].runs["last"].run == "last"
     assert list((folder / ".service" / "servers").iterdir()) == []
-
-
-def _settings(estimator: sd.VAE) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return asdict(estimator)
 
 
 @pytest.mark.parametrize("job", ["0" * 16, "f" * 16])

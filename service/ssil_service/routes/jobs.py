@@ -12,7 +12,7 @@ from starlette.responses import Response, StreamingResponse
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import Context, context
-from ssil_service.jobs import ENDED
+from ssil_service.journal import ENDED
 from ssil_service.negotiation import wanted
 from ssil_service.openapi import events as events_of
 from ssil_service.openapi import problems

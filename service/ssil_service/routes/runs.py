@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pyarrow as pa
 from fastapi import APIRouter, Header, Query, Request
-from pydantic import ValidationError
 from pydantic_core import to_json
 from starlette.responses import Response
 
 from ssil_data import leverage as scales
 from ssil_data.client.wire import IDEMPOTENCY, JSON
-from ssil_data.errors import ConflictError
 from ssil_data.estimators import from_json
 from ssil_data.estimators import to_json as settings_json
 from ssil_service.answers import LeveragePage
 from ssil_service.catalogue import Snapshot
-from ssil_service.context import context
-from ssil_service.intake import media_type
+from ssil_service.context import Context, context
+from ssil_service.intake import media_type, settings_body
+from ssil_service.jobs import Order
 from ssil_service.negotiation import wanted
 from ssil_service.openapi import bulk, json_body, problems
 from ssil_service.paging import page, paged, tag_of, unchanged
-from ssil_service.problems import of_validation
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
 from ssil_service.schemas import FitBody, Job, RescoreBody, RunRecord, RunRecords
 
@@ -113,15 +112,12 @@ async def start(
     media_type(request, (JSON,))
     body = _parsed(await request.body())
     here = context(request)
-    snapshot = await here.catalogue.snapshot(dataset, body.version)
-    order = _order(snapshot, body)
-    if isinstance(body, RescoreBody):
-        fitted = body.fitted
-        source = snapshot
-        if fitted.dataset is not None:
-            source = await here.catalogue.snapshot(fitted.dataset)
-        source.run_of_any_version(fitted.run)
-    job = await asyncio.to_thread(here.board.submit, dataset, snapshot.version, order, key)
+    asked = hashlib.sha256(f"{dataset} {body.model_dump_json()}".encode()).hexdigest()
+    job = await asyncio.to_thread(here.board.repeated, key, asked)
+    if job is None:
+        snapshot = await here.catalogue.snapshot(dataset, body.version)
+        order = await _order(here, snapshot, body, asked)
+        job = await asyncio.to_thread(here.board.submit, order, key)
     return Response(
         to_json(job), 202, media_type=JSON, headers={"Location": f"/v1/jobs/{job['job']}"}
     )
@@ -129,29 +125,30 @@ async def start(
 
 def _parsed(body: bytes) -> FitBody | RescoreBody:
     """Tell the two bodies apart by what only one of them has, and name what is wrong with it."""
-    try:
-        kind = RescoreBody if b'"fitted"' in body and b'"estimator"' not in body else FitBody
-        return kind.model_validate_json(body)
-    except ValidationError as error:
-        found = error.errors(include_url=False, include_context=False, include_input=False)
-        raise of_validation(found, "body") from None
+    kind = RescoreBody if b'"fitted"' in body and b'"estimator"' not in body else FitBody
+    return settings_body(body, kind)
 
 
-def _order(snapshot: Snapshot, body: FitBody | RescoreBody) -> dict[str, Any]:
-    """Return the body as the job keeps it; raises the library's error for what cannot be."""
-    if body.run is not None and body.run in snapshot.runs:
-        raise ConflictError(f"run of {snapshot.name}: expected an unused name, found one in use")
+async def _order(
+    here: Context, snapshot: Snapshot, body: FitBody | RescoreBody, asked: str
+) -> Order:
+    """Return what the job is to make; raises the library's error for what cannot be."""
     if isinstance(body, RescoreBody):
-        return {"run": body.run, "fitted": body.fitted.model_dump()}
-    estimator = from_json(body.estimator.model_dump())
-    scale = scales.settings_from_json(body.scale.model_dump())
-    return {
-        "run": body.run,
-        "estimator": settings_json(estimator),
-        "scale": scales.to_json(scale),
-        "labeled_is_one": body.labeled_is_one,
-        "seed": body.seed,
-    }
+        source = snapshot
+        if body.fitted.dataset is not None:
+            source = await here.catalogue.snapshot(body.fitted.dataset)
+        stem = source.run_of_any_version(body.fitted.run).estimator["kind"]
+        made: dict[str, Any] = {"fitted": body.fitted.model_dump()}
+    else:
+        estimator = from_json(body.estimator.model_dump())
+        stem = estimator.kind
+        made = {
+            "estimator": settings_json(estimator),
+            "scale": scales.to_json(scales.settings_from_json(body.scale.model_dump())),
+            "labeled_is_one": body.labeled_is_one,
+            "seed": body.seed,
+        }
+    return Order(snapshot.name, snapshot.version, made, body.run, stem, asked)
 
 
 def _within(table: pa.Table, episode: int | None, first: int | None, last: int | None) -> pa.Array:
