@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 
@@ -22,56 +21,14 @@ from ssil_data.runs import Run
 from ssil_data.scoring import LeverageModel
 from ssil_data.storage import checked_name
 from ssil_data.store import Store
+from ssil_service.cache import Cache
 
 _SETTLED = 0.1
 """Seconds after which a folder's modification time tells the next change from this one."""
 _TRUSTED = 2.0
 """Seconds for which an object store, which has no such time, is not asked again."""
-_REMOVED = ".removed-"
 
-
-class Cache:
-    """The values used last, up to a number of bytes; one build for all who ask; of one loop."""
-
-    def __init__(self, capacity: int) -> None:
-        self.capacity = capacity
-        self.bytes = self.hits = self.misses = 0
-        self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
-        self._building: dict[Hashable, asyncio.Future[Any]] = {}
-
-    def __len__(self) -> int:
-        """Count the values."""
-        return len(self._kept)
-
-    def peek(self, key: Hashable) -> Any | None:
-        """Return a value that is there, or None."""
-        if key not in self._kept:
-            return None
-        self._kept.move_to_end(key)
-        self.hits += 1
-        return self._kept[key][0]
-
-    async def get(self, key: Hashable, build: Callable[[], tuple[Any, int]]) -> Any:
-        """Return a value, built in a thread with its size in bytes if it is not there."""
-        found = self.peek(key)
-        if found is not None:
-            return found
-        if key not in self._building:
-            self.misses += 1
-            self._building[key] = asyncio.ensure_future(self._build(key, build))
-        return await asyncio.shield(self._building[key])
-
-    async def _build(self, key: Hashable, build: Callable[[], tuple[Any, int]]) -> Any:
-        try:
-            value, size = await asyncio.to_thread(build)
-        finally:
-            del self._building[key]
-        self._kept[key] = (value, size)
-        self.bytes += size
-        while self.bytes > self.capacity and len(self._kept) > 1:
-            _, (_, freed) = self._kept.popitem(last=False)
-            self.bytes -= freed
-        return value
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -142,12 +99,34 @@ class Catalogue:
         if version is None or version == newest.version:
             return newest
         key = ("version", name, newest.version, token, version)
-        return await self.cache.get(key, lambda: (Snapshot.of(newest.dataset.at(version)), 4096))
+        return await self._kept(key, lambda: (Snapshot.of(newest.dataset.at(version)), 4096))
 
     def _open(self, name: str) -> Snapshot:
-        if name not in self.store:
-            raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
-        return Snapshot.of(self.store[name])
+        return self._reading(name, lambda: Snapshot.of(self.store[name]))
+
+    async def read(self, snapshot: Snapshot, work: Callable[[Dataset], Found]) -> Found:
+        """Return what is read of a dataset, in a thread; raises NotFoundError if it is deleted."""
+        name, dataset = snapshot.name, snapshot.dataset
+        return await asyncio.to_thread(self._reading, name, lambda: work(dataset))
+
+    async def _kept(self, key: tuple[Any, ...], build: Callable[[], tuple[Any, int]]) -> Any:
+        return await self.cache.get(key, lambda: self._reading(key[1], build))
+
+    def _reading(self, name: str, work: Callable[[], Found]) -> Found:
+        """Tell a dataset that is deleted while it is read from one that is damaged."""
+        try:
+            return work()
+        except SsilDataError:
+            if name in self.store:
+                raise
+            self._forget(name)
+            raise NotFoundError(
+                f"dataset: expected one of the store's, found no {name!r}"
+            ) from None
+
+    def _forget(self, name: str) -> None:
+        self._newest.pop(name, None)
+        self.cache.forget(lambda key: key[1] == name)
 
     def _token(self, name: str) -> Any:
         """Return what changes with the dataset: read before it is opened, so never too new."""
@@ -168,7 +147,7 @@ class Catalogue:
         record = snapshot.run(run)
         alpha = record.alpha if alpha is None else alpha
         key = ("field", snapshot.name, snapshot.version, record.created, run, alpha)
-        return await self.cache.get(key, lambda: _field(snapshot, run, alpha))
+        return await self._kept(key, lambda: _field(snapshot, run, alpha))
 
     async def model(self, snapshot: Snapshot, run: str) -> LeverageModel:
         """Return a run's fitted estimator and scale."""
@@ -179,7 +158,7 @@ class Catalogue:
             size = len(snapshot.dataset.runs.model(record))
             return LeverageModel.of_record(snapshot.dataset, record), size
 
-        return await self.cache.get(key, build)
+        return await self._kept(key, build)
 
     async def values(self, snapshot: Snapshot, run: str) -> pa.Table:
         """Return a run's values, in the order of the pairs."""
@@ -190,7 +169,7 @@ class Catalogue:
             table = snapshot.dataset.runs.values(run).combine_chunks()
             return table, table.nbytes
 
-        return await self.cache.get(key, build)
+        return await self._kept(key, build)
 
     async def pairs(self, snapshot: Snapshot) -> Pairs:
         """Return all pairs of a dataset."""
@@ -199,26 +178,16 @@ class Catalogue:
             pairs = snapshot.dataset.pairs()
             return pairs, pairs.states.nbytes + pairs.actions.nbytes + 16 * len(pairs)
 
-        return await self.cache.get(("pairs", snapshot.name, snapshot.version), build)
+        return await self._kept(("pairs", snapshot.name, snapshot.version), build)
 
     def remove(self, name: str) -> None:
-        """Delete a dataset: gone at once under its name, then from the disk."""
-        if name not in self.store:
-            raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
-        folder = self.store.folder / name
-        if folder.local is not None:
-            removed = self.store.folder / f"{_REMOVED}{secrets.token_hex(8)}"
-            if not folder.rename(removed):
-                raise NotFoundError(f"dataset: expected one of the store's, found no {name!r}")
-            folder = removed
-        folder.delete()
-        self._newest.pop(name, None)
+        """Delete a dataset; raises NotFoundError, or ConflictError while somebody writes to it."""
+        self._reading(name, lambda: self.store.delete(name))
+        self._forget(name)
 
     def sweep(self) -> None:
-        """Finish removals that a killed server began."""
-        for name in self.store.folder.names():
-            if name.startswith(_REMOVED):
-                (self.store.folder / name).delete()
+        """Finish what killed writers began."""
+        self.store.sweep()
 
     def ready(self) -> bool:
         """Tell whether the store can be listed and what is listed has cards."""

@@ -36,7 +36,7 @@ async def datasets(request: Request) -> Response:
     for name in await asyncio.to_thread(catalogue.names):
         try:
             found.append(summary(await catalogue.snapshot(name)))
-        except (NotFoundError, SsilDataError):
+        except SsilDataError:
             continue  # deleted since, or damaged: `ssil-data validate` tells
     tag = tag_of(found)
     return unchanged(request, tag) or _json({"datasets": found}, tag)
@@ -55,8 +55,9 @@ async def dataset(request: Request, dataset: DatasetName, version: Version = Non
 async def versions(request: Request, dataset: DatasetName) -> Response:
     """List the fingerprints of a dataset's versions, the newest last."""
     wanted(request, (JSON,))
-    snapshot = await context(request).catalogue.snapshot(dataset)
-    found = await asyncio.to_thread(lambda: snapshot.dataset.versions)
+    catalogue = context(request).catalogue
+    snapshot = await catalogue.snapshot(dataset)
+    found = await catalogue.read(snapshot, lambda dataset: dataset.versions)
     tag = tag_of(found)
     return unchanged(request, tag) or _json({"versions": found}, tag)
 
@@ -69,8 +70,9 @@ async def versions(request: Request, dataset: DatasetName) -> Response:
 async def card(request: Request, dataset: DatasetName) -> Response:
     """Read a dataset's card, Markdown."""
     media = wanted(request, ("text/markdown",))
-    snapshot = await context(request).catalogue.snapshot(dataset)
-    text = await asyncio.to_thread(lambda: snapshot.dataset.card)
+    catalogue = context(request).catalogue
+    snapshot = await catalogue.snapshot(dataset)
+    text = await catalogue.read(snapshot, lambda dataset: dataset.card)
     tag = tag_of(text)
     return unchanged(request, tag) or Response(text, media_type=media, headers={"ETag": tag})
 
@@ -120,19 +122,19 @@ async def pairs(
     media = wanted(request)
     here = context(request)
     snapshot = await here.catalogue.snapshot(dataset, version)
+    chosen = _chosen(snapshot, episode, labeled)
     choice = (episode, labeled, recorded, offset, limit)
     tag = tag_of("pairs", dataset, snapshot.version, media, choice)
     known = unchanged(request, tag)
     if known is not None:
         return known
-    chosen = _chosen(snapshot, episode, labeled)
     whole = await here.catalogue.pairs(snapshot)
     rows = page(request, media, len(chosen), offset, limit, sum(snapshot.widths))
     taken = chosen[rows]
     if recorded is None:
         part = pairs_table(_taken(whole, taken))
     else:
-        values = await asyncio.to_thread(snapshot.dataset.recorded, recorded)
+        values = await here.catalogue.read(snapshot, lambda dataset: dataset.recorded(recorded))
         place = {"episode": whole.episode[taken], "step": whole.step[taken]}
         part = pa.table({**place, recorded: _column(values, taken)})
     return await paged(request, media, part, rows, len(chosen), tag, version=snapshot.version)
