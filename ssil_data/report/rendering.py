@@ -1,10 +1,11 @@
-"""The template made into a page: everything is escaped, scripts and style are part of it."""
+"""A template made into a page: everything is escaped, scripts and style are part of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import altair as alt
@@ -16,10 +17,18 @@ HERE = Path(__file__).parent
 MINUS = "\N{MINUS SIGN}"
 
 
-def rendered(context: Mapping[str, Any]) -> str:
-    """Fill in the page."""
+def rendered(
+    context: Mapping[str, Any],
+    *,
+    folder: Path = HERE,
+    filters: Mapping[str, Callable[..., str]] = MappingProxyType({}),
+) -> str:
+    """Fill in a folder's `page.html.j2`, with its `page.js`; its `page.css` adds to the report's.
+
+    `filters` are added to the report's, or replace them.
+    """
     environment = Environment(
-        loader=FileSystemLoader(HERE),
+        loader=FileSystemLoader(folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -31,11 +40,13 @@ def rendered(context: Mapping[str, Any]) -> str:
         "number": _number,
         "percent": _percent,
         "short": _short,
+        **filters,
     }
+    styles = [(each / "page.css").read_text("utf-8") for each in dict.fromkeys((HERE, folder))]
     return environment.get_template("page.html.j2").render(
         context,
-        style=Markup((HERE / "page.css").read_text("utf-8")),
-        script=Markup((HERE / "page.js").read_text("utf-8")),
+        style=Markup("\n".join(styles)),
+        script=Markup((folder / "page.js").read_text("utf-8")),
         bundle=Markup(_bundle()),
     )
 

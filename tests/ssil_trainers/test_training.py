@@ -151,6 +151,10 @@ def test_a_method_of_no_iterations_gives_its_cloned_policy(tmp_path: Path) -> No
     assert len(result.curve) == 1
     assert result.curve[0].evaluation is not None
     assert (tmp_path / POLICY).exists()
+    with pytest.raises(ConflictError, match="--resume goes on"):
+        train(job(tmp_path, "clone", cloning_steps=7))
+    again = train(job(tmp_path, "clone"), resume=True)
+    np.testing.assert_array_equal(again.policy.layers[0][0], result.policy.layers[0][0])
 
 
 @pytest.mark.parametrize(

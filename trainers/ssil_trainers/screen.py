@@ -59,7 +59,7 @@ class _Figures:
             parts.append(f"{steps / seconds:,.0f} steps/s")
         else:
             self.clock = now
-        return "  ".join(parts)
+        return "  ".join(filter(None, parts))
 
 
 @contextmanager

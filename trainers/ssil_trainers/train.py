@@ -16,7 +16,7 @@ from ssil_trainers.origin import Origin, open_lessons
 from ssil_trainers.screen import events, screen
 from ssil_trainers.settings import PAPER, TrainSettings
 from ssil_trainers.tasks import side_by_side, spec_of
-from ssil_trainers.training import CHECKPOINT, POLICY, Job
+from ssil_trainers.training import CHECKPOINT, POLICY, Job, Seen, Trained
 from ssil_trainers.training import train as train_job
 
 Name = Literal[
@@ -72,9 +72,7 @@ def train(
                 folder=folder,
             )
             with screen(f"{method} {env}", iterations) as seen, events(folder, seen) as seen:
-                trained = train_job(job, resume=resume, seen=seen)
-    except ServiceError as error:
-        raise ServiceError(f"{error}. {_on_from(folder)}") from None
+                trained = _trained(job, resume, seen)
     except KeyboardInterrupt:
         print(f"Stopped. {_on_from(folder)}", file=sys.stderr)
         raise SystemExit(130) from None
@@ -83,6 +81,15 @@ def train(
         print_json(result)
     else:
         print_table(f"{method} on {env}", [result])
+
+
+def _trained(job: Job, resume: bool, seen: Seen) -> Trained:
+    """Train, and say of a service that stays away how to go on."""
+    try:
+        return train_job(job, resume=resume, seen=seen)
+    except ServiceError as error:
+        assert job.folder is not None
+        raise ServiceError(f"{error}. {_on_from(job.folder)}") from None
 
 
 def _on_from(folder: Path) -> str:

@@ -93,6 +93,8 @@ class _Run:
     def to_the_end(self, seen: Seen) -> Trained:
         if not self.curve:
             self._add(None, seen)
+        if not self.settings.iterations:
+            self._keep()
         while self.learner.done < self.settings.iterations:
             if self.learner.done % self.settings.boundary == 0:
                 self._keep()

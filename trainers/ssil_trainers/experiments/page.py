@@ -7,13 +7,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-import altair as alt
-import vl_convert
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
-from ssil_data.report.rendering import HERE as REPORT
-from ssil_data.report.rendering import MINUS
+from ssil_data.report.rendering import MINUS, rendered
 from ssil_trainers.experiments import charts, paper
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.protocol import Table
@@ -48,7 +42,7 @@ def page(
         "settings": _settings(plan),
         "made_by": made_by,
     }
-    return _rendered(context)
+    return rendered(context, folder=HERE, filters={"number": _number, "count": _count})
 
 
 def _sections(plan: Plan, results: Results) -> list[dict[str, Any]]:
@@ -124,32 +118,6 @@ def _settings(plan: Plan) -> dict[str, list[str]]:
     each = [asdict(plan.settings(table, plan.seeds[0])) for table in plan.tables]
     names = [field.name for field in fields(TrainSettings) if field.name != "seed"]
     return {name: [str(settings[name]) for settings in each] for name in names}
-
-
-def _rendered(context: Mapping[str, Any]) -> str:
-    environment = Environment(
-        loader=FileSystemLoader(HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
-    environment.filters |= {"number": _number, "count": _count}
-    style = "\n".join((folder / "page.css").read_text("utf-8") for folder in (REPORT, HERE))
-    return environment.get_template("page.html.j2").render(
-        context,
-        style=Markup(style),
-        script=Markup((HERE / "page.js").read_text("utf-8")),
-        bundle=Markup(_bundle()),
-    )
-
-
-def _bundle() -> str:
-    """Return Vega, Vega-Lite and Vega-Embed of the version that the specs are written in."""
-    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
-    bundle = vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=version)
-    return bundle.replace("</script", "<\\/script")
 
 
 def _number(value: float | None) -> str:
