@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any
@@ -20,6 +20,7 @@ from ssil_service.context import Context
 from ssil_service.decoder import Decoder
 from ssil_service.edge import Edge
 from ssil_service.gate import Gate
+from ssil_service.hosts import Hosts
 from ssil_service.jobs import Board
 from ssil_service.keys import Keys, may_read, may_write
 from ssil_service.metrics import Metrics
@@ -27,6 +28,7 @@ from ssil_service.openapi import allowed, described, problems
 from ssil_service.pool import Pool
 from ssil_service.problems import Problem, of_library, of_validation
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
+from ssil_service.routes.parameters import refuse_unknown
 from ssil_service.settings import Settings
 from ssil_service.state import State
 
@@ -34,8 +36,11 @@ _BASE = 2**29
 """Memory that a worker takes before it has done anything, and some to spare."""
 
 
-def create_app(settings: Settings) -> Edge:
-    """Return the service as an ASGI application; it takes its place when its lifespan begins."""
+def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Edge:
+    """Return the service as an ASGI application; it takes its place when its lifespan begins.
+
+    Without keys it answers to local names only, and to these `hosts`.
+    """
     keys, metrics = Keys.of(settings), Metrics()
     app = FastAPI(
         title="ssil-data",
@@ -47,21 +52,22 @@ def create_app(settings: Settings) -> Edge:
         redoc_url=None,
     )
     app.state.settings, app.state.keys, app.state.metrics = settings, keys, metrics
-    read: dict[str, Any] = {}
-    write: dict[str, Any] = {}
+    everywhere = Depends(refuse_unknown)
+    read: dict[str, Any] = {"dependencies": [everywhere]}
+    write: dict[str, Any] = {"dependencies": [everywhere], "responses": problems(403)}
     if keys:
-        read = {"dependencies": [Depends(may_read)], "responses": problems(401)}
-        write = {"dependencies": [Depends(may_write)], "responses": problems(401, 403)}
+        read = {"dependencies": [Depends(may_read), everywhere], "responses": problems(401)}
+        write = {"dependencies": [Depends(may_write), everywhere], "responses": problems(401, 403)}
     for each in (queries, health, datasets, runs, jobs, inference):  # the busiest is tried first
         app.include_router(each.router, **read)
     for each in (uploads, runs, jobs):
         app.include_router(each.writing, **write)
     for each in (health, inference):
-        app.include_router(each.open_router)
+        app.include_router(each.open_router, dependencies=[everywhere])
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
     app.openapi = lambda: described(app)
-    return Edge(app, settings, metrics)
+    return Edge(app, settings, metrics, None if keys else Hosts.of(settings, hosts))
 
 
 def open_context(app: FastAPI) -> Context:
@@ -72,7 +78,7 @@ def open_context(app: FastAPI) -> Context:
     catalogue.sweep()
     gate = Gate(settings.computing, settings.waiting)
     fits = Pool(state.lock, settings.job_bytes, settings.job_seconds, keep=1)
-    bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.job_seconds, keep=1)
+    bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.decode_seconds, keep=1)
     decoder = Decoder(
         state, bodies, query_rows=settings.query_rows, upload_rows=settings.decoded_bytes // 8
     )

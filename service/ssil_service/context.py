@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -35,18 +36,30 @@ class Context:
     decoder: Decoder
     board: Board
     closing: bool = False
+    _deadline: float | None = None
 
     async def compute(self, pairs: int, work: Callable[[], Answer]) -> Answer:
         """Compute a small question at once, a large one behind the gate."""
         return work() if pairs <= INLINE else await self.gate.run(work)
 
+    def leave(self) -> None:
+        """Begin to end: what was accepted has the seconds of grace from now on, all together."""
+        self.closing = True
+        if self._deadline is None:
+            self._deadline = time.monotonic() + self.settings.grace_seconds
+
     def close(self) -> None:
         """Finish what was accepted, and give up the place in the state folder."""
-        self.closing = True
-        self.gate.close()
+        self.leave()
+        self.gate.close(self._left())
         self.decoder.pool.close()
-        self.board.close(self.settings.grace_seconds)
+        self.board.close(self._left())
         self.state.close()
+
+    def _left(self) -> float:
+        """Return the seconds of grace that are left."""
+        assert self._deadline is not None
+        return max(0.0, self._deadline - time.monotonic())
 
 
 def context(request: Request) -> Context:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any, TypeVar
 
 from ssil_service.problems import busy
 
@@ -25,6 +25,7 @@ class Gate:
         self._places = computing + waiting
         self._computing = computing
         self._typical = 0.1
+        self._computed: set[Future[Any]] = set()
         self.admitted = 0
         self.refused = 0
 
@@ -38,7 +39,10 @@ class Gate:
             )
         self.admitted += 1
         begin = time.monotonic()
-        future = asyncio.get_running_loop().run_in_executor(self._threads, work)
+        computed = self._threads.submit(work)
+        self._computed.add(computed)
+        computed.add_done_callback(self._computed.discard)
+        future = asyncio.wrap_future(computed)
         future.add_done_callback(lambda _: self._left(begin))
         return await asyncio.shield(future)
 
@@ -46,6 +50,7 @@ class Gate:
         self.admitted -= 1
         self._typical += 0.1 * (time.monotonic() - begin - self._typical)
 
-    def close(self) -> None:
-        """Wait for what is being computed."""
-        self._threads.shutdown(wait=True)
+    def close(self, seconds: float) -> None:
+        """Wait for what is being computed, so many seconds; what has not begun is given up."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        wait(list(self._computed), timeout=seconds)

@@ -18,14 +18,17 @@ from ssil_data.client import RemoteStore, connect
 from ssil_service.app import create_app
 from ssil_service.settings import read_settings
 
+_NAME = "embedded"
+"""The host that it is asked as: no browser can."""
+
 
 def embedded(store: str | Path = "datasets", **settings: Any) -> RemoteStore:
     """Return the store as a client sees it, served in this process; close it when done.
 
     `settings` are those of the service. Raises InvalidInputError for settings that are none.
     """
-    app = create_app(read_settings(store=str(store), **settings))
-    return connect("http://embedded", transport=EmbeddedTransport(app))
+    app = create_app(read_settings(store=str(store), **settings), hosts=[_NAME])
+    return connect(f"http://{_NAME}", transport=EmbeddedTransport(app))
 
 
 class EmbeddedTransport(httpx.BaseTransport):

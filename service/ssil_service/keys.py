@@ -82,7 +82,7 @@ def _digest(name: str, key: str) -> bytes:
     return hashlib.sha256(key.encode()).digest()
 
 
-def _given(
+async def _given(
     request: Request,
     bearer: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
     header: Annotated[str | None, Security(_header)],
@@ -93,15 +93,16 @@ def _given(
     return [key for key in keys if key is not None]
 
 
+# asynchronous, all three: FastAPI would run others in threads
 Given = Annotated[list[str], Security(_given)]
 
 
-def may_read(request: Request, given: Given) -> None:
+async def may_read(request: Request, given: Given) -> None:
     """Let in whoever has a key."""
     _check(request, given, write=False)
 
 
-def may_write(request: Request, given: Given) -> None:
+async def may_write(request: Request, given: Given) -> None:
     """Let in whoever has a write key."""
     _check(request, given, write=True)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
@@ -31,9 +31,6 @@ class Metrics:
         self._rows = Counter(
             "ssil_rows", "Rows of questions answered.", ("route",), registry=self.registry
         )
-        self._in_flight = Gauge(
-            "ssil_requests_in_flight", "Requests not yet answered.", registry=self.registry
-        )
         self._jobs = Gauge("ssil_jobs", "Scoring jobs.", ("state",), registry=self.registry)
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
@@ -47,9 +44,17 @@ class Metrics:
         """Count the rows of a question."""
         self._rows.labels(route).inc(count)
 
-    def count_in_flight(self, read: Callable[[], int]) -> None:
-        """Read how many requests are not yet answered whenever the metrics are asked for."""
-        self._in_flight.set_function(read)
+    def watch_edge(
+        self, *, requests: Callable[[], int], streams: Callable[[], int], held: Callable[[], int]
+    ) -> None:
+        """Read what is in flight whenever the metrics are asked for."""
+        self._gauges(
+            {
+                "ssil_requests_in_flight": ("Requests not yet answered.", requests),
+                "ssil_event_streams": ("Event streams that are followed.", streams),
+                "ssil_held_bytes": ("Memory that questions and long answers take.", held),
+            }
+        )
 
     def jobs(self, counts: dict[str, int]) -> None:
         """Tell how many jobs are in each state."""
@@ -72,6 +77,9 @@ class Metrics:
             "ssil_cache_hits": ("Answers from the cache so far.", lambda: cache.hits),
             "ssil_cache_misses": ("Fields, models and values read so far.", lambda: cache.misses),
         }
+        self._gauges(gauges)
+
+    def _gauges(self, gauges: Mapping[str, tuple[str, Callable[[], float]]]) -> None:
         for name, (text, read) in gauges.items():
             Gauge(name, text, registry=self.registry).set_function(read)
 

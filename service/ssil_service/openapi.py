@@ -35,7 +35,8 @@ _MODELS: tuple[type[BaseModel], ...] = (
     answers.InferenceRequest,
     answers.InferenceAnswer,
 )
-_ALWAYS = (500, 503)
+_ALWAYS = (421, 422, 500, 503)
+"""421 without keys, for a foreign Host; 422 at least for parameters that are unknown."""
 _RETRY = {"Retry-After": {"description": "Seconds to wait.", "schema": {"type": "integer"}}}
 _PAGED = {
     "X-Total-Count": {"description": "Rows on all pages.", "schema": {"type": "integer"}},
@@ -121,8 +122,9 @@ def _forget_null(document: dict[str, Any]) -> None:
 
 def allowed(app: FastAPI, path: str) -> list[str]:
     """Return the methods of all routes of a path."""
-    methods = [kinds for pattern, kinds in _patterns(app) if pattern.match(path)]
-    return sorted({method for kinds in methods for method in kinds})
+    found = {kind for pattern, kinds in _patterns(app) if pattern.match(path) for kind in kinds}
+    follows = path.endswith("/events")
+    return sorted(found | ({"HEAD"} if "GET" in found and not follows else set()))
 
 
 @lru_cache(8)

@@ -24,10 +24,14 @@ def page(
 ) -> slice:
     """Return the rows of a page: no more than asked for, than may be, than a body should hold."""
     most = context(request).settings.page_rows
-    cells = _CELLS.get(media, _CELLS_OF_OTHERS)
-    rows = min(limit or most, most, max(1, cells // max(1, width)))
+    rows = min(limit or most, most, most_rows(media, width))
     start = min(offset, total)
     return slice(start, min(start + rows, total))
+
+
+def most_rows(media: str, width: int) -> int:
+    """Return how many rows of so many cells a body should hold."""
+    return max(1, _CELLS.get(media, _CELLS_OF_OTHERS) // max(1, width))
 
 
 async def paged(
@@ -51,8 +55,8 @@ def tag_of(*parts: object) -> str:
 
 def unchanged(request: Request, tag: str) -> Response | None:
     """Return 304 if the client has what the tag names."""
-    known = request.headers.get("if-none-match", "")
+    known = request.headers.get("if-none-match", "").strip()
     tags = [each.strip().removeprefix("W/") for each in known.split(",")]
-    if tag in tags or "*" in tags:
+    if known == "*" or tag in tags:
         return Response(status_code=304, headers={"ETag": tag})
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from http import HTTPStatus
+from itertools import islice
 from typing import Any
 
 from pydantic import BaseModel
@@ -19,7 +20,8 @@ from ssil_data.errors import (
 )
 
 PROBLEM = "application/problem+json"
-_SHOWN = 100
+SHOWN = 100
+"""Faults that one problem names at most."""
 _STATUS: dict[type[SsilDataError], int] = {
     NotFoundError: 404,
     ConflictError: 409,
@@ -72,7 +74,7 @@ class Problem(Exception):  # noqa: N818  as RFC 9457 calls it
             title=HTTPStatus(self.status).phrase,
             status=self.status,
             detail=self.detail,
-            errors=list(self.errors[:_SHOWN]),
+            errors=list(self.errors[:SHOWN]),
             error=self.detail if path.startswith("/v2") else None,
         )
         body = to_json(details.model_dump(exclude_none=True))
@@ -97,7 +99,7 @@ def of_library(error: SsilDataError, known: Iterable[str] = ()) -> Problem:
 
 def of_validation(found: Iterable[ErrorDetails | Mapping[str, Any]], where: str) -> Problem:
     """Return pydantic's errors as one problem that names every field, row and column."""
-    errors = [_fault(each["loc"], each["msg"]) for each in found]
+    errors = [_fault(each["loc"], each["msg"]) for each in islice(found, SHOWN)]
     first = errors[0].detail if errors else "expected another form"
     return Problem(422, f"{where}: {first}", errors=errors)
 
@@ -105,6 +107,7 @@ def of_validation(found: Iterable[ErrorDetails | Mapping[str, Any]], where: str)
 def _fault(location: Sequence[int | str], message: str) -> Fault:
     parts = list(location)
     numbers = [part for part in parts if isinstance(part, int)]
+    parts = [part if isinstance(part, int) else part[:100] for part in parts]
     names = [str(part) for part in parts if not isinstance(part, int)]
     row, column = [*numbers, None, None][:2]
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)

@@ -1,4 +1,8 @@
-"""uvicorn's HTTP/1.1 protocol with a time limit for the head of a request, which it has not."""
+"""uvicorn's HTTP/1.1 protocol with limits that it has not.
+
+A time for the head of a request, a number of connections, and an end to those whose client does
+not read.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +12,28 @@ from typing import Any
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from ssil_service.exchange import ABORT
 from ssil_service.problems import PROBLEM, Problem
 
 
-def impatient(seconds: float) -> type[H11Protocol]:
-    """Return a protocol that drops a connection whose next request's head takes longer."""
+def impatient(seconds: float, connections: int) -> type[H11Protocol]:
+    """Return a protocol that drops a connection whose next request's head takes longer.
+
+    Of more than so many connections, it closes the newest at once.
+    """
 
     class Impatient(H11Protocol):
-        """Drops connections that say nothing, or half of something."""
+        """Drops connections that say nothing, or half of something, or do not listen."""
 
         _deadline: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
-            self._wait()
+            self.app_state = {**self.app_state, ABORT: transport.abort}
+            if len(self.connections) > connections:
+                transport.abort()
+            else:
+                self._wait()
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
@@ -42,6 +54,9 @@ def impatient(seconds: float) -> type[H11Protocol]:
                 self.transport.write(self.conn.send(event) or b"")
             self.transport.close()
 
+        def timeout_keep_alive_handler(self) -> None:
+            self._end()
+
         def connection_lost(self, exc: Exception | None) -> None:
             self._forget()
             super().connection_lost(exc)
@@ -60,6 +75,13 @@ def impatient(seconds: float) -> type[H11Protocol]:
         def _drop(self) -> None:
             self._deadline = None
             if not self._answering():
+                self._end()
+
+        def _end(self) -> None:
+            """Close; what the client has not taken by now, it does not take."""
+            if self.transport.get_write_buffer_size():
+                self.transport.abort()
+            else:
                 self.transport.close()
 
     return Impatient

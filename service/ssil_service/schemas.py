@@ -216,15 +216,23 @@ class Limits(BaseModel):
     """What the service takes at most."""
 
     body_bytes: int
+    json_bytes: int
+    run_bytes: int
+    held_bytes: int
     upload_bytes: int
     decoded_bytes: int
     query_rows: int
     page_rows: int
     contributors: int
+    seconds: float
     requests: int
+    event_streams: int
+    connections: int
     computing: int
     waiting: int
     jobs: int
     job_queue: int
     job_seconds: float
+    decode_seconds: float
     body_seconds: float
+    send_seconds: float

@@ -44,7 +44,7 @@ class _Server(uvicorn.Server):
             app,
             host=settings.host,
             port=settings.port,
-            http=impatient(settings.header_seconds),
+            http=impatient(settings.header_seconds, settings.connections),
             ws="none",
             lifespan="on",
             log_config=None,

@@ -39,6 +39,10 @@ class Settings(BaseSettings):
 
     body_bytes: Bytes = 64 * 2**20
     """Largest body of a question."""
+    json_bytes: Bytes = 4 * 2**20
+    """Largest body that is JSON: read, it takes up to thirty times its length."""
+    held_bytes: Bytes = 2**29
+    """Most memory for all questions and long answers held at once; beyond it 503."""
     upload_bytes: Bytes = 2**30
     """Largest body of an upload."""
     decoded_bytes: Bytes = 2 * 2**30
@@ -49,6 +53,10 @@ class Settings(BaseSettings):
     """Most rows of one page of an answer."""
     requests: Count = 256
     """Most requests in flight; beyond it 503."""
+    event_streams: Count = 64
+    """Most event streams at once; beyond it 503."""
+    connections: Count = 512
+    """Most connections; beyond it they are closed at once."""
     computing: Count = 2
     """Large questions that are computed at once, each on all processors."""
     waiting: Annotated[int, Field(ge=0)] = 16
@@ -61,6 +69,8 @@ class Settings(BaseSettings):
     """A scoring job that takes longer is stopped."""
     job_bytes: Bytes = 8 * 2**30
     """Most memory that a scoring job may take."""
+    decode_seconds: Seconds = 120
+    """A body that takes longer to be read and written is given up."""
     cache_bytes: Bytes = 2**30
     """Memory for fields, models and values that were asked before."""
 
@@ -69,9 +79,9 @@ class Settings(BaseSettings):
     body_seconds: Seconds = 30
     """Time for a body to arrive, and a second more for every 64 KiB of it."""
     send_seconds: Seconds = 30
-    """Time for a client to take the next part of an answer."""
+    """Time for a client to take an answer, and a second more for every 64 KiB of it."""
     grace_seconds: Seconds = 30
-    """Time to finish what was accepted after SIGTERM."""
+    """Time to finish what was accepted after SIGTERM, requests and jobs together."""
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     """Least severity that is logged, as lines of JSON on standard error."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,15 @@ _NAMES = {dtype: name for name, dtype in _TYPES.items()}
 _SIZE = "binary_data_size"
 
 
-def read(body: bytes, header: int | None) -> tuple[InferenceRequest, dict[str, np.ndarray]]:
+def read(
+    body: bytes, header: int | None, *, most_json: int
+) -> tuple[InferenceRequest, dict[str, np.ndarray]]:
     """Return a request and its input tensors by name; raises a Problem."""
     length = len(body) if header is None else header
     if length > len(body):
         raise Problem(422, f"body: expected {length} bytes of JSON, found {len(body)}")
+    if length > most_json:
+        raise Problem(413, f"body: expected at most {most_json} bytes of JSON, found more")
     try:
         request = InferenceRequest.model_validate_json(body[:length])
     except ValidationError as error:
@@ -75,14 +80,14 @@ def written(
 
 
 def _of_json(tensor: Tensor) -> np.ndarray:
+    """Return the numbers of a tensor, flat or in rows, none of them turned into another."""
+    rows = tensor.data or []
+    flat = list(chain.from_iterable(rows)) if set(map(type, rows)) == {list} else rows
+    whole = tensor.datatype == "INT64"
     try:
-        values = np.array(tensor.data if tensor.data is not None else [])
-        whole = tensor.datatype == "INT64"
-        if values.size and values.dtype.kind not in ("iu" if whole else "iuf"):
+        if not set(map(type, flat)) <= ({int} if whole else {int, float}):
             raise ValueError
-        return values.astype(_TYPES[tensor.datatype] if whole else np.float64).reshape(
-            _shape(tensor)
-        )
+        return np.array(flat, np.int64 if whole else np.float64).reshape(_shape(tensor))
     except (ValueError, OverflowError):
         raise _odd(tensor) from None
 

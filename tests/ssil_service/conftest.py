@@ -1,6 +1,7 @@
 """A service in this process and a service of its own, over a small store with one run."""
 
 import shutil
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -65,6 +66,47 @@ def states() -> np.ndarray:
     """Twenty states in raw units."""
     rng = np.random.default_rng(0)
     return rng.normal((10, 100, 0), size=(20, 3)).astype(np.float32)
+
+
+@pytest.fixture(scope="session")
+def served_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the server below has its store and its log."""
+    return tmp_path_factory.mktemp("server")
+
+
+@pytest.fixture(scope="session")
+def server(scored: Path, served_folder: Path) -> Iterator[Server]:
+    """A service that is quick to lose its patience, over a store with many pairs, `many`."""
+    store = sd.Store(shutil.copytree(scored, served_folder / "store"))
+    rng = np.random.default_rng(0)
+    many = sd.Episode(rng.normal(size=(400_000, 3)), rng.normal(size=(400_000, 2)))
+    store.create("many", [many], state_names=STATE_NAMES, action_names=ACTION_NAMES)
+    flags = ("--header-seconds", "1", "--body-seconds", "1", "--send-seconds", "1")
+    limits = ("--grace-seconds", "5", "--connections", "60", "--page-rows", "400000")
+    server = launched(served_folder / "store", *flags, *limits, log=served_folder / "log")
+    yield server
+    assert server.stop() == 0
+
+
+@pytest.fixture
+def raw(server: Server) -> Iterator[Callable[..., socket.socket]]:
+    """Connect to that service, and send bytes as they are."""
+    opened: list[socket.socket] = []
+
+    def connect(data: bytes = b"", *, buffer: int = 0) -> socket.socket:
+        host, port = server.url.removeprefix("http://").split(":")
+        connection = socket.socket()
+        opened.append(connection)
+        if buffer:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+        connection.settimeout(20)
+        connection.connect((host, int(port)))
+        connection.sendall(data)
+        return connection
+
+    yield connect
+    for connection in opened:
+        connection.close()
 
 
 @pytest.fixture

@@ -220,4 +220,4 @@ def test_names_cannot_leave_the_store(name: str, asked: httpx.Client):
 
 def test_a_method_that_a_path_has_not_gets_those_it_has(asked: httpx.Client):
     answer = asked.patch("v1/datasets/drives")
-    assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, GET, PUT")
+    assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, GET, HEAD, PUT")

@@ -8,10 +8,11 @@ from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
 from ssil_service.context import context
+from ssil_service.intake import RUN_BYTES
 from ssil_service.metrics import CONTENT_TYPE
 from ssil_service.openapi import problems
-from ssil_service.problems import Problem
-from ssil_service.routes.parameters import MOST_CONTRIBUTORS
+from ssil_service.problems import busy
+from ssil_service.routes.parameters import MOST_CONTRIBUTORS, MOST_SECONDS
 from ssil_service.schemas import Health, Limits
 
 open_router = APIRouter(tags=["operation"])
@@ -35,9 +36,9 @@ async def refuse_unready(request: Request) -> None:
     """Raise a Problem with 503 if no question could be answered."""
     here = context(request)
     if here.closing:
-        raise Problem(503, "service: expected it ready, found it shutting down")
+        raise busy(503, "service: expected it ready, found it shutting down", 1)
     if not await asyncio.to_thread(here.catalogue.ready):
-        raise Problem(503, "service: expected it ready, found no readable store")
+        raise busy(503, "service: expected it ready, found no readable store", 1)
 
 
 @router.get(
@@ -59,4 +60,5 @@ async def limits(request: Request) -> Response:
     known = {
         name: getattr(settings, name) for name in Limits.model_fields if hasattr(settings, name)
     }
-    return JSONResponse({**known, "contributors": MOST_CONTRIBUTORS})
+    constants = {"contributors": MOST_CONTRIBUTORS, "seconds": MOST_SECONDS, "run_bytes": RUN_BYTES}
+    return JSONResponse({**known, **constants})

@@ -26,8 +26,9 @@ from ssil_service.answers import (
     ServerMetadata,
 )
 from ssil_service.catalogue import Snapshot
+from ssil_service.cells import checked
 from ssil_service.context import Context, context
-from ssil_service.intake import checked, counted, media_type
+from ssil_service.intake import counted, media_type, off_loop
 from ssil_service.openapi import json_body, problems
 from ssil_service.problems import Problem
 from ssil_service.routes.health import refuse_unready
@@ -130,7 +131,8 @@ async def infer(
     media_type(request, offered)
     here = context(request)
     found = await _found(here, model, version)
-    asked, inputs = tensors.read(await request.body(), length)
+    body, most = await request.body(), here.settings.json_bytes
+    asked, inputs = await off_loop(len(body), lambda: tensors.read(body, length, most_json=most))
     unknown = {output.name for output in asked.outputs} - set(_OUTPUTS[found.kind])
     if unknown:
         raise Problem(
@@ -138,11 +140,12 @@ async def infer(
         )
     outputs = await _outputs(here, found, inputs)
     about = {"model_name": model, "model_version": found.version, "id": asked.id}
-    body, header = tensors.written(asked, about, outputs)
+    size = sum(values.nbytes for values in outputs.values())
+    answer, header = await off_loop(size, lambda: tensors.written(asked, about, outputs))
     if header is None:
-        return Response(body, media_type=JSON)
+        return Response(answer, media_type=JSON)
     return Response(
-        body, media_type="application/octet-stream", headers={_BINARY_AFTER: str(header)}
+        answer, media_type="application/octet-stream", headers={_BINARY_AFTER: str(header)}
     )
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Path, Query
+from fastapi import Path, Query, Request
+from fastapi.dependencies.utils import get_flat_params
+from fastapi.params import Query as QueryField
 
+from ssil_service.problems import SHOWN, Fault, Problem
 from ssil_service.schemas import NAME
 
 MOST_CONTRIBUTORS = 256
+MOST_SECONDS = 60.0
 
 DatasetName = Annotated[str, Path(pattern=NAME, description="A dataset of the store.")]
 RunName = Annotated[str, Path(pattern=NAME, description="A run of the dataset.")]
@@ -42,8 +46,23 @@ Seconds = Annotated[
     float | None,
     Query(
         gt=0,
-        le=60,
+        le=MOST_SECONDS,
         allow_inf_nan=False,
         description="Ask as large a random part of the pairs as this time allows.",
     ),
 ]
+
+
+async def refuse_unknown(request: Request) -> None:
+    """Raise a Problem naming the query parameters that the route has not."""
+    if not request.scope["query_string"]:
+        return
+    known = {
+        parameter.alias
+        for parameter in get_flat_params(request.scope["route"].dependant)
+        if isinstance(parameter.field_info, QueryField)
+    }
+    odd = [name[:100] for name in request.query_params if name not in known]
+    if odd:
+        faults = [Fault(detail=f"{n}: expected no such parameter", field=n) for n in odd[:SHOWN]]
+        raise Problem(422, f"query: {faults[0].detail}", errors=faults)

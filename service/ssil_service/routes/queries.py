@@ -15,6 +15,8 @@ from ssil_service.context import context
 from ssil_service.intake import off_loop, pairs_body, states_body
 from ssil_service.negotiation import table_response, wanted
 from ssil_service.openapi import bulk, bulk_body, problems
+from ssil_service.paging import most_rows
+from ssil_service.problems import Fault, Problem
 from ssil_service.routes.parameters import (
     Alpha,
     Contributors,
@@ -57,9 +59,15 @@ async def lcor(
     media = wanted(request)
     here = context(request)
     accuracy = {"tolerance": tolerance, "relative": relative, "seconds": seconds, "seed": seed}
+    if sums:
+        _refuse_sampled(request)
     snapshot = await here.catalogue.snapshot(dataset, version)
     snapshot.run(run)
     states = await states_body(request, snapshot.widths[0])
+    most = most_rows(media, 4 + 2 * contributors)
+    if contributors and len(states) > most:
+        detail = f"at most {most} rows with {contributors} contributors, found {len(states)}"
+        raise Problem(413, f"states: expected {detail}")
     field = await here.catalogue.field(snapshot, run, alpha)
 
     def work() -> dict[str, Any]:
@@ -121,6 +129,17 @@ async def score(request: Request, dataset: DatasetName, run: RunName) -> Respons
         }
     )
     return await off_loop(table.nbytes, lambda: table_response(table, media))
+
+
+def _refuse_sampled(request: Request) -> None:
+    """Raise a Problem if a part of the pairs is asked as well as sums over all of them."""
+    faults = [
+        Fault(detail=f"{name}: expected none with sums, which are exact", field=name)
+        for name in ("tolerance", "relative", "seconds", "seed")
+        if name in request.query_params
+    ]
+    if faults:
+        raise Problem(422, f"query: {faults[0].detail}", errors=faults)
 
 
 def _answer(answer: Any) -> dict[str, Any]:

@@ -1,0 +1,151 @@
+"""Overload: what is too much at once is refused at once, with a time to come back."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI, Request
+from ssil_service import embedded
+from ssil_service.decoder import Decoder
+from ssil_service.edge import Edge
+from ssil_service.gate import Gate
+from ssil_service.inprocess import EmbeddedTransport
+from ssil_service.metrics import Metrics
+from ssil_service.problems import Problem
+from ssil_service.settings import Settings
+from ssil_service.state import State
+from starlette.responses import Response
+
+
+def test_a_full_gate_refuses_at_once_with_a_time_to_wait():
+    async def overload() -> list[BaseException | None]:
+        gate = Gate(computing=1, waiting=2)
+        tasks = [asyncio.ensure_future(gate.run(lambda: time.sleep(0.05))) for _ in range(6)]
+        done = await asyncio.gather(*tasks, return_exceptions=True)
+        gate.close(1)
+        return done
+
+    done = asyncio.run(overload())
+    refused = [each for each in done if isinstance(each, Problem)]
+    assert len(refused) == 3
+    assert {each.status for each in refused} == {503}
+    assert int(refused[0].headers["Retry-After"]) >= 1
+
+
+@pytest.fixture
+def slow() -> Iterator[tuple[Callable[..., httpx.Client], Event]]:
+    """Make services that answer when they are told to, with as many bytes as they were sent."""
+    told, made = Event(), list[httpx.Client]()
+    app = FastAPI()
+
+    @app.exception_handler(Problem)
+    async def refused(request: Request, problem: Any) -> Response:
+        return problem.response()
+
+    @app.get("/healthz")
+    @app.post("/slow")
+    async def slow(request: Request) -> Response:
+        body = await request.body()
+        async with asyncio.timeout(10):
+            while not told.is_set() and request.method == "POST":
+                await asyncio.sleep(0.01)
+        return Response(b"x" * int(request.query_params.get("size", len(body))))
+
+    def start(**settings: Any) -> httpx.Client:
+        edge = Edge(app, Settings(**settings), Metrics(), None)
+        made.append(httpx.Client(transport=EmbeddedTransport(edge), base_url="http://here"))
+        return made[-1]
+
+    yield start, told
+    told.set()
+    for client in made:
+        client.close()
+
+
+def test_too_many_requests_at_once_are_refused_but_health_is_told(slow):
+    start, told = slow
+    http = start(requests=1)
+    with ThreadPoolExecutor(1) as other:
+        first = other.submit(http.post, "/slow")
+        while http.get("/slow").status_code == 405:  # that one is there yet
+            time.sleep(0.01)
+        refused = http.get("/slow")
+        assert (refused.status_code, refused.headers["retry-after"]) == (503, "1")
+        assert http.get("/healthz").status_code == 200
+        told.set()
+        assert first.result().status_code == 200
+    assert http.get("/slow").status_code == 405
+
+
+def test_bodies_and_answers_are_held_within_a_bound(slow):
+    start, told = slow
+    http = start(held_bytes=10_000)
+    with ThreadPoolExecutor(1) as other:
+        first = other.submit(http.post, "/slow", content=b"x" * 9000)
+        while http.get("/healthz", params={"size": 2000}).status_code != 503:
+            time.sleep(0.01)
+        refused = http.post("/slow", content=b"x" * 2000)
+        assert (refused.status_code, refused.headers["retry-after"]) == (503, "1")
+        told.set()
+        assert first.result().content == b"x" * 9000
+    assert http.post("/slow", content=b"x" * 2000).status_code == 200
+
+
+def test_a_long_answer_is_given_up_where_too_much_is_held(slow):
+    start, told = slow
+    http = start(held_bytes=10_000)
+    with ThreadPoolExecutor(1) as other:
+        first = other.submit(http.post, "/slow", content=b"x" * 9000)
+        while http.get("/healthz", params={"size": 2000}).status_code != 503:
+            time.sleep(0.01)
+        told.set()
+        assert first.result().status_code == 200
+    assert len(http.get("/healthz", params={"size": 200_000}).content) == 200_000  # alone
+
+
+def test_event_streams_have_places_of_their_own(folder: Path):
+    with embedded(folder, requests=1, event_streams=1) as store:
+        http = store.connection.client
+        body = {"estimator": {"kind": "vae", "steps": 3000}}
+        job = http.post("v1/datasets/drives/runs", json=body).json()["job"]
+        with http.stream("GET", f"v1/jobs/{job}/events") as events:
+            next(events.iter_lines())
+            assert http.get("v1/datasets").status_code == 200
+            second = http.get(f"v1/jobs/{job}/events")
+            assert (second.status_code, second.headers["retry-after"]) == (503, "1")
+            http.post(f"v1/jobs/{job}/cancel")
+
+
+def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
+    state, received = State(tmp_path), Event()
+
+    async def endless() -> AsyncIterator[bytes]:
+        while not received.is_set():
+            yield b"x"
+            await asyncio.sleep(0.01)
+
+    async def never() -> AsyncIterator[bytes]:
+        raise AssertionError("the body was asked for")
+        yield b""
+
+    async def crowd() -> None:
+        pool: Any = None
+        decoder = Decoder(state, pool, query_rows=1, upload_rows=1)
+        held = [asyncio.ensure_future(decoder.upload(endless())) for _ in range(18)]
+        await asyncio.sleep(0.1)
+        with pytest.raises(Problem) as refusal:
+            await decoder.upload(never())
+        assert (refusal.value.status, refusal.value.headers["Retry-After"]) == (503, "2")
+        for each in held:
+            each.cancel()
+        await asyncio.gather(*held, return_exceptions=True)
+
+    asyncio.run(crowd())
+    assert [path.name for path in state.place.iterdir()] == ["lock"]
+    state.close()

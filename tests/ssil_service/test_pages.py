@@ -1,0 +1,31 @@
+"""Pages of what a run says, and answers that the client has already."""
+
+import httpx
+
+
+def test_what_the_client_has_is_not_sent_again(http: httpx.Client):
+    for path in (
+        "v1/datasets",
+        "v1/datasets/drives",
+        "v1/datasets/drives/episodes",
+        "v1/datasets/drives/pairs",
+        "v1/datasets/drives/runs",
+        "v1/datasets/drives/runs/vae",
+        "v1/datasets/drives/runs/vae/leverage",
+    ):
+        tag = http.get(path).headers["etag"]
+        again = http.get(path, headers={"If-None-Match": f'"other", {tag}'})
+        assert (again.status_code, again.content) == (304, b"")
+        assert http.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_leverage_is_asked_by_episode_and_steps_and_page(http: httpx.Client):
+    path = "v1/datasets/drives/runs/vae/leverage"
+    some = http.get(path, params={"episode": 3, "first_step": 5, "last_step": 8}).json()
+    assert (some["episode"], some["step"]) == ([3] * 4, [5, 6, 7, 8])
+    answer = http.get(path, params={"limit": 100, "columns": "leverage"})
+    assert answer.headers["x-total-count"] == "420"
+    following = answer.headers["link"].split(">")[0].removeprefix("<")
+    assert "offset=100" in following
+    page = http.get(following).json()
+    assert (page["offset"], len(page["leverage"]), "step" in page) == (100, 100, False)
