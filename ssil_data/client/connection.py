@@ -44,9 +44,10 @@ class Patience:
 class Connection:
     """Requests to one service; may be used from several threads."""
 
-    def __init__(self, client: httpx.Client, patience: Patience) -> None:
+    def __init__(self, client: httpx.Client, patience: Patience, work_timeout: float) -> None:
         self.client = client
         self.patience = patience
+        self.work_timeout = work_timeout
 
     def json(self, method: str, path: str, **request: Any) -> Any:
         """Return the JSON of an answer, None for an empty one."""
@@ -63,8 +64,12 @@ class Connection:
         json: Any = None,
         headers: Mapping[str, str] | None = None,
         repeatable: bool | None = None,
+        work: bool = False,
     ) -> httpx.Response:
         """Send a request until it is answered, and return the answer.
+
+        An answer that takes `work` is waited for as long as `work_timeout`: the service may go on
+        with what its client has given up, so that to give up early says nothing.
 
         A busy service (429, 503) is asked again after the time it names. A request that may be
         repeated is sent again when the connection is lost; `repeatable` is true for GET unless
@@ -76,6 +81,8 @@ class Connection:
         request = self.client.build_request(
             method, path, params=sent, content=content, json=json, headers=headers
         )
+        if work:
+            request.extensions["timeout"]["read"] = self.work_timeout
         attempt = 0
         while True:
             asked = 0.0
@@ -86,9 +93,9 @@ class Connection:
                 failure = ServiceError(f"service: {_detail(answer)}")
                 asked = _retry_after(answer)
             except httpx.TransportError as error:
-                failure = _unreached(self.client, error)
                 unsent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 lost = isinstance(error, httpx.NetworkError | httpx.RemoteProtocolError)
+                failure = _unreached(self.client, error, done=not (unsent or repeatable))
                 if not (unsent or (lost and repeatable)):
                     raise failure from None
             wait = self.patience.wait(attempt, asked)
@@ -130,6 +137,7 @@ def _retry_after(answer: httpx.Response) -> float:
         return 0.0
 
 
-def _unreached(client: httpx.Client, error: httpx.TransportError) -> ServiceError:
+def _unreached(client: httpx.Client, error: httpx.TransportError, *, done: bool) -> ServiceError:
     found = str(error) or type(error).__name__
-    return ServiceError(f"service: expected an answer from {client.base_url}, found {found}")
+    rest = "; what was asked may be done: look before asking again" if done else ""
+    return ServiceError(f"service: expected an answer from {client.base_url}, found {found}{rest}")

@@ -87,6 +87,10 @@ class RemoteDataset:
 
     def episode(self, number: int) -> Pairs:
         """Read the pairs of one episode; raises NotFoundError."""
+        if not 0 <= number < len(self.episodes):
+            raise NotFoundError(
+                f"episode of {self.name}: expected 0 to {len(self.episodes) - 1}, found {number}"
+            )
         return pairs_of_table(self._table(f"{self.path}/pairs", {"episode": number}))
 
     def labeled(self) -> Pairs:
@@ -184,7 +188,11 @@ class RemoteDataset:
 
         body = episodes_body(episodes, self.state_names, self.action_names, "")
         summary = self._connection.json(
-            "POST", f"{self.path}/episodes", content=body, headers={"Content-Type": ARROW}
+            "POST",
+            f"{self.path}/episodes",
+            content=body,
+            headers={"Content-Type": ARROW},
+            work=True,
         )
         return RemoteDataset(self._connection, summary, self._limits)
 
@@ -196,7 +204,9 @@ class RemoteDataset:
         offset = 0
         while True:
             page = {**params, "version": self.version, "offset": offset}
-            answer = self._connection.request("GET", path, params=page, headers={"Accept": ARROW})
+            answer = self._connection.request(
+                "GET", path, params=page, headers={"Accept": ARROW}, work=True
+            )
             table = decoded(answer.content)
             yield table.replace_schema_metadata(None)
             offset += len(table)

@@ -114,7 +114,7 @@ def _question(
 ) -> pa.Table:
     body = encoded(table).to_pybytes()
     answer = connection.request(
-        "POST", url, params=params, content=body, headers=_HEADERS, repeatable=True
+        "POST", url, params=params, content=body, headers=_HEADERS, repeatable=True, work=True
     )
     return decoded(answer.content)
 

@@ -84,12 +84,16 @@ class RemoteStore:
         body = episodes_body(episodes, state_names, action_names, card)
         path = f"v1/datasets/{checked_name('dataset', name)}"
         headers = {"Content-Type": ARROW}
-        summary = self.connection.json("PUT", path, content=body, headers=headers)
+        summary = self.connection.json("PUT", path, content=body, headers=headers, work=True)
         return RemoteDataset(self.connection, summary, self.limits)
 
     def delete(self, name: str) -> None:
-        """Delete a dataset with its runs; raises NotFoundError."""
-        self.connection.request("DELETE", f"v1/datasets/{checked_name('dataset', name)}")
+        """Delete a dataset with its runs.
+
+        Raises NotFoundError, or ConflictError while a job or an upload works on it.
+        """
+        path = f"v1/datasets/{checked_name('dataset', name)}"
+        self.connection.request("DELETE", path, work=True)
 
     def _summary(self, name: str) -> dict[str, Any]:
         path = f"v1/datasets/{checked_name('dataset', name)}"
@@ -101,13 +105,15 @@ def connect(
     api_key: str | None = None,
     *,
     timeout: float = 30.0,
+    work_timeout: float = 3600.0,
     patience: Patience = Patience(),  # noqa: B008
     transport: httpx.BaseTransport | None = None,
 ) -> RemoteStore:
     """Return the store that a service at `url` serves: the surface of `Store`, the same numbers.
 
-    `timeout` in seconds for connecting, and for each read or write; `patience` is how long a busy
-    or lost service is asked again; `transport` sends the requests some other way than by socket.
+    `timeout` in seconds for connecting, and for each read or write; `work_timeout` for the answer
+    to what takes work: uploads, deletes, questions, bulk reads. `patience` is how long a busy or
+    lost service is asked again; `transport` sends the requests some other way than by socket.
     """
     headers = {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
     client = httpx.Client(
@@ -117,4 +123,4 @@ def connect(
         transport=transport,
         limits=httpx.Limits(max_connections=64, max_keepalive_connections=16),
     )
-    return RemoteStore(Connection(client, patience))
+    return RemoteStore(Connection(client, patience, work_timeout))

@@ -1,10 +1,13 @@
 """The client is the local store over REST: the same surface, the same bits, and patience."""
 
+import contextlib
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -74,8 +77,17 @@ def test_a_dataset_reads_like_the_local_one(dataset: RemoteDataset, local: sd.St
         for name in ("states", "actions", "episode", "step"):
             assert_array_equal(getattr(found, name), getattr(expected, name))
             assert getattr(found, name).dtype == getattr(expected, name).dtype
-    with pytest.raises(sd.NotFoundError):
-        dataset.episode(99)
+
+
+@pytest.mark.parametrize("number", [-1, 11, 99, 2**70])
+def test_an_episode_that_is_none_is_refused_as_locally(
+    number: int, dataset: RemoteDataset, local: sd.Store
+):
+    with pytest.raises(sd.NotFoundError) as here:
+        local["drives"].episode(number)
+    with pytest.raises(sd.NotFoundError) as there:
+        dataset.episode(number)
+    assert str(there.value) == str(here.value)
 
 
 def test_runs_are_the_local_records(dataset: RemoteDataset, local: sd.Store):
@@ -261,9 +273,64 @@ def test_the_time_that_a_busy_service_names_is_waited():
 
 def test_what_may_not_be_repeated_is_not_sent_twice():
     store, seen = answering(httpx.ReadError("reset"), httpx.Response(204))
-    with pytest.raises(sd.ServiceError, match="reset"):
+    with pytest.raises(sd.ServiceError, match="reset; what was asked may be done"):
         store.delete("drives")
     assert len(seen) == 1
+
+
+class Slow(BaseHTTPRequestHandler):
+    """A service that takes longer for its work than a client waits for an answer."""
+
+    asked = 0
+
+    def do_PUT(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        Slow.asked += 1
+        time.sleep(0.6)
+        self._answer({"dataset": "slow", "version": "0" * 16})
+
+    def do_GET(self) -> None:
+        time.sleep(0.6 if self.path == "/v1/datasets" else 0)
+        self._answer({"query_rows": 10, "datasets": []})
+
+    def _answer(self, found: dict[str, Any]) -> None:
+        body = json.dumps(found).encode()
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        with contextlib.suppress(BrokenPipeError):
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None: ...
+
+
+@pytest.fixture
+def slow() -> Iterator[ThreadingHTTPServer]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Slow) as server:
+        Slow.asked = 0
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+def test_what_takes_work_is_waited_for_and_asked_once(slow: ThreadingHTTPServer):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    with connect(f"http://127.0.0.1:{slow.server_port}", timeout=0.2, patience=QUICK) as store:
+        assert store.create("slow", [drive(0, 5)], **names).name == "slow"
+        with pytest.raises(sd.ServiceError, match="timed out"):
+            store.names()
+    assert Slow.asked == 1
+
+
+def test_the_wait_for_work_has_an_end_that_tells_what_may_have_happened(slow: ThreadingHTTPServer):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    url = f"http://127.0.0.1:{slow.server_port}"
+    store = connect(url, work_timeout=0.2, patience=QUICK)
+    with store, pytest.raises(sd.ServiceError, match="may be done"):
+        store.create("slow", [drive(0, 5)], **names)
+    assert Slow.asked == 1
 
 
 @pytest.mark.parametrize(
