@@ -195,7 +195,7 @@ def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path)
     app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
     quick = Patience(first=0.001, longest=0.002, total=5.0)
-    with connect("http://embedded", transport=troubled, patience=quick) as store:
+    with connect("http://localhost", transport=troubled, patience=quick) as store:
         train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"))
     assert files(tmp_path / "cut") == expected
     assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
