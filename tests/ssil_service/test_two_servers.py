@@ -40,16 +40,18 @@ def test_jobs_that_two_servers_are_asked_for_at_once_make_a_run_each(folder: Pat
         def ask(seed: int) -> dict[str, Any]:
             return clients[seed % 2].post(RUNS, json=quick(seed)).json()
 
+        # FastAPI makes a route when it is first asked, and not in two threads of one process
+        jobs = [ask(0), ask(1)]
         with ThreadPoolExecutor(6) as pool:
-            jobs = list(pool.map(ask, range(6)))
+            jobs += pool.map(ask, range(2, 8))
         names = {job["run"] for job in jobs}
-        assert names == {f"vae-{number}" for number in range(2, 8)}
+        assert names == {f"vae-{number}" for number in range(2, 10)}
         # each server shows the other's jobs as they are
         for seed, job in enumerate(jobs):
             done = until(clients[(seed + 1) % 2], job["job"], "succeeded", "failed")
             assert (done["state"], done["run"]) == ("succeeded", job["run"])
         runs = sd.Store(folder)["drives"].runs
-        assert [runs[job["run"]].seed for job in jobs] == list(range(6))
+        assert [runs[job["run"]].seed for job in jobs] == list(range(8))
         assert listed(clients[0]) == listed(clients[1])
 
 
