@@ -81,10 +81,17 @@ def matrix_of_column(table: pa.Table, name: str, width: int) -> NDArray[Any]:
             raise row_problem(name, odd, f"expected width {width}, found {lengths[odd[0]]}")
     elif column.type.list_size != width:
         raise field_problem(name, f"expected width {width}, found {column.type.list_size}")
-    cells = column.flatten()
+    cells = _cells(column)
     if cells.null_count:
         raise cell_problem(name, _places(cells.is_null().to_numpy(zero_copy_only=False), width))
     return cells.to_numpy(zero_copy_only=False).reshape(len(column), width)
+
+
+def _cells(column: Any) -> Any:
+    """Return the cells of a column without nulls; those of one that is whole are simply there."""
+    if pa.types.is_fixed_size_list(column.type) and not column.offset:
+        return column.values[: len(column) * column.type.list_size]
+    return column.flatten()
 
 
 def integers_of_column(table: pa.Table, name: str) -> NDArray[np.int64]:

@@ -8,7 +8,6 @@ import secrets
 import time
 from collections.abc import Callable
 
-from starlette.datastructures import MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
 from ssil_data.client.wire import JSON
@@ -23,6 +22,8 @@ _SLOWEST = 65_536
 _IDLE = 10.0
 _PART = 65_536
 _JSON = JSON.encode()
+_NOSNIFF = (b"x-content-type-options", b"nosniff")
+_NO_CACHE = (b"cache-control", b"no-cache")
 _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
@@ -102,16 +103,18 @@ class Exchange:
         if self.refused is not None:
             return
         if message["type"] == "http.response.start":
-            headers = MutableHeaders(scope=message)
+            headers = message["headers"]
+            names = dict(headers)
             try:
-                self._hold(int(headers.get("content-length", 0)))
+                self._hold(int(names.get(b"content-length", 0)))
             except Problem as problem:  # the application has begun, and may not see it
                 self.refused = problem
                 return
             self.status = message["status"]
-            headers["X-Request-ID"] = self.id
-            headers["X-Content-Type-Options"] = "nosniff"
-            headers.setdefault("Cache-Control", "no-cache")
+            added = [(b"x-request-id", self.id.encode()), _NOSNIFF]
+            if b"cache-control" not in names:
+                added.append(_NO_CACHE)
+            message = {**message, "headers": [*headers, *added]}
             await self._patiently(message)
             return
         body = message.get("body", b"")
