@@ -28,7 +28,10 @@ def read_stream(
     try:
         buffer = pa.py_buffer(body)
         messages = iter(pa.ipc.MessageReader.open_stream(buffer))
-        schema = pa.ipc.read_schema(next(messages))
+        first = next(messages)
+        if first.type != "schema":  # pyarrow would read it as one, and die
+            raise ValueError("stream")
+        schema = pa.ipc.read_schema(first)
         check(schema)
         plain = _refuse_bombs(messages, most_rows)
         if plain is None:  # dictionaries, which only a reader of the whole stream resolves

@@ -163,6 +163,19 @@ def test_compressed_arrow_buffers_are_refused_before_they_are_decompressed(asked
     assert answer.status_code == 415
 
 
+def test_a_stream_that_begins_with_another_message_is_refused(asked: httpx.Client):
+    table = pa.table({"state": rows_of_matrix(np.ones((4, 3), np.float32))})
+    content = encoded(table).to_pybytes()
+    schema = pa.ipc.read_message(content)
+    sink = pa.BufferOutputStream()
+    schema.serialize_to(sink)
+    rows = content[sink.tell() :]
+    for body in (rows, b"", content[: sink.tell()] * 2, rows + content):
+        answer = asked.post(LCOR, content=body, headers={"Content-Type": ARROW})
+        assert answer.status_code == 422
+    assert asked.post(LCOR, content=content, headers={"Content-Type": ARROW}).status_code == 200
+
+
 def test_more_rows_than_one_question_takes_are_refused(asked: httpx.Client):
     most = asked.get("v1/limits").json()["query_rows"]
     table = pa.table({"state": rows_of_matrix(np.zeros((most + 1, 3), np.float32))})
