@@ -109,7 +109,8 @@ def test_a_film_has_a_frame_for_every_step(
     [
         (["ssil", "--dataset", "swings"], "ssil: expected --run"),
         (["gail", "--dataset", "swings", "--labels", "100"], "labels: expected 2 to 80"),
-        (["gail", "--dataset", "none"], "'none'"),
+        (["gail", "--dataset", "none"], "expected one of [swings]"),
+        (["ssil", "--dataset", "swings", "--run", "none"], "found 'none'"),
         (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
     ],
 )
