@@ -65,7 +65,7 @@ class Runs:
     def all(self) -> list[Run]:
         """List the runs of every version of the dataset, oldest first."""
         table = self._table()
-        records = (self._record(table, name) for name in self.names())
+        records = (self._record(table, name) for name in _names(table))
         return sorted(records, key=lambda run: run.created)
 
     def __iter__(self) -> Iterator[Run]:
@@ -84,7 +84,7 @@ class Runs:
 
     def names(self) -> list[str]:
         """List the names of the runs of every version."""
-        return sorted({file.partition["run"] for file in self._table().files()})
+        return _names(self._table())
 
     def of_any_version(self, name: str) -> Run:
         """Open a run whose model is to be used, not its values; raises NotFoundError."""
@@ -144,7 +144,7 @@ class Runs:
         """Read all files of all runs and say which are not as they were written."""
         table = self._table()
         found = table.damaged()
-        for name in self.names():
+        for name in _names(table):
             try:
                 self.model(self._record(table, name))
             except (DamagedError, NotFoundError) as error:
@@ -171,6 +171,11 @@ def create(dataset: Folder) -> None:
 def digest(data: bytes) -> str:
     """Return the name of a run's file: 60 bits of SHA-256, which fit a Delta transaction number."""
     return hashlib.sha256(data).hexdigest()[:15]
+
+
+def _names(table: Table) -> list[str]:
+    """List the runs of one look at the table; another look may see one more."""
+    return sorted({file.partition["run"] for file in table.files()})
 
 
 def _claim(name: str) -> str:

@@ -90,11 +90,16 @@ _PLACE = ("episode", "step")
 _COLUMNS = ("state", "action", *_PLACE)
 
 
-def media_type(request: Request, offered: Sequence[str] = (JSON, ARROW, PARQUET)) -> str:
-    """Return the body's media type; raises a Problem with 415 for another, or any coding."""
+def media_type(
+    request: Request, offered: Sequence[str] = (JSON, ARROW, PARQUET), *, unnamed: str = ""
+) -> str:
+    """Return the body's media type, `unnamed` if the request names none.
+
+    Raises a Problem with 415 for another, or any coding.
+    """
     if request.headers.get("content-encoding", "identity").lower() != "identity":
         raise Problem(415, "Content-Encoding: expected none, found one")
-    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    given = request.headers.get("content-type", unnamed).partition(";")[0].strip().lower()
     if given not in offered:
         raise Problem(415, f"Content-Type: expected one of {', '.join(offered)}, found another")
     return given

@@ -128,7 +128,7 @@ async def infer(
 ) -> Response:
     """Ask a model; tensors are JSON, or binary after the JSON (the protocol's extension)."""
     offered = (JSON, "application/octet-stream") if length is not None else (JSON,)
-    media_type(request, offered)
+    media_type(request, offered, unnamed=JSON)  # as Triton's own client sends it
     here = context(request)
     found = await _found(here, model, version)
     body, most = await request.body(), here.settings.json_bytes
