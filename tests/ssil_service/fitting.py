@@ -90,6 +90,8 @@ def _known(query, *, uploads):
         left_out += ["relative", "contributors"]
     else:
         left_out += ["relative"]
+    if (query or {}).get("sums"):
+        left_out += ["tolerance", "relative", "seconds", "seed"]
     return {name: value for name, value in (query or {}).items() if name not in left_out}
 
 

@@ -85,7 +85,7 @@ async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     return await _written(request, dataset, layout, media, append=True)
 
 
-@writing.delete("", status_code=204, responses=problems(404, 422))
+@writing.delete("", status_code=204, responses=problems(404, 409, 422))
 async def delete(request: Request, dataset: DatasetName) -> Response:
     """Delete a dataset with its runs."""
     await asyncio.to_thread(context(request).catalogue.remove, dataset)
