@@ -64,3 +64,9 @@ def slow_lcor(
 def target(request: pytest.FixtureRequest) -> Target | None:
     """Run a test once per target."""
     return request.param
+
+
+@pytest.fixture(params=[target for target in targets() if target], ids=name_of)
+def compiling(request: pytest.FixtureRequest) -> Target:
+    """Run a test once per target that code is written for."""
+    return request.param
