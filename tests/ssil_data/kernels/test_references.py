@@ -135,8 +135,12 @@ def assert_equal(sums: Sums, other: Sums) -> None:
 
 @cache
 def near_and_far(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return states and leverage, and queries of which some lie far away and one on a state."""
+    """Return states and leverage, and queries of which some lie far away and one on a state.
+
+    Later states lie farther out, so that blocks differ in weight, and their sums round.
+    """
     (states, leverage), (queries, _) = made(16, count, 29), made(17, 230, 29)
+    states *= np.linspace(0.2, 3, count, dtype=np.float32)[:, None]
     queries[::7] *= 40
     queries[5:7] *= np.float32(1e5)
     queries[3] = states[3]
