@@ -6,7 +6,7 @@ import ctypes
 import mmap
 import os
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from threading import Lock
 from typing import Any
 
@@ -99,9 +99,9 @@ def _may_write_code() -> bool:
     return ctypes.CDLL(None).mprotect(address, mmap.PAGESIZE, runnable) == 0
 
 
-@cache
+@lru_cache(maxsize=64)  # about 1 MB each
 def compiled(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
-    """Compile once per process what `tile.emit` describes."""
+    """Compile once per process, while in use, what `tile.emit` describes."""
     with _COMPILING:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()

@@ -12,7 +12,7 @@ from ssil_data.kernels import log_kernel
 from ssil_data.kernels.native import AVX2, AVX512, GENERIC, NEON, Target
 from ssil_data.kernels.tile import Tile
 
-ALPHAS = (1e-4, 0.01, 0.3, 1.0, 2.0, 3.0, 7.5, 100.0, 1e4, 1e9)
+ALPHAS = (1e-4, 0.01, 0.3, 1.0, 2.0, 3.0, 7.5, 11.0, 100.0, 199.0, 1e4, 1e9)
 
 
 def targets() -> list[Target | None]:

@@ -50,6 +50,15 @@ def test_queries_on_a_reference_are_the_slow_sum_at_flat_kernels(
     np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize("power", [*range(1, 12), 15, 16, 31, 63, 64, 95, 99, 100, 101])
+def test_every_whole_power_weighs_two_states_as_float64_does(power: int):
+    states, alpha = np.array([[0], [50]], np.float32), 2.0 * power - 1
+    queries = np.linspace(-30, 80, 400, dtype=np.float32)[:, None]
+    values = References(states, states[:, 0] / 50).sums(queries, alpha=alpha).values
+    known, _ = slow_lcor(queries, states, states[:, 0] / 50, alpha)
+    np.testing.assert_allclose(values, known, atol=1e-6, rtol=0)
+
+
 @pytest.mark.parametrize("width", range(1, 65))
 def test_every_width_is_the_slow_sum(width: int):
     (states, leverage), (queries, _) = made(width, 150, width), made(width + 1, 7, width)
@@ -94,7 +103,7 @@ def test_far_queries_never_become_nothing_over_nothing(
         assert (sums.effective_sample_size <= 300 * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize("alpha", [1.0, 3.0, 100.0, 1e4])
+@pytest.mark.parametrize("alpha", [1.0, 3.0, 11.0, 99.0, 100.0, 1e4])
 def test_neighbours_far_from_the_centre_are_told_apart(target: Target | None, alpha: float):
     (states, leverage), (queries, _) = made(4, 500, 29), made(5, 12, 29)
     states[:50] += 1024
