@@ -105,7 +105,9 @@ class LeverageField:
 
         All demonstration states are asked, and with `contributors` > 0 those that contributed most
         are named. `tolerance`, `relative`, `seconds` and `seed` are those of `Accuracy`; the first
-        such answer reads all states once more. Raises InvalidInputError for another
+        such answer reads all states once more. But for `seconds`, an answer is the same to the last
+        bit on the same processor, whatever is asked with it and by however many threads; torch's
+        (another `device`, α below 1e-3) may round otherwise. Raises InvalidInputError for another
         width, non-finite states, or options that contradict each other.
         """
         accuracy = Accuracy(tolerance, relative, seconds, seed)
