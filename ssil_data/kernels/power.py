@@ -73,8 +73,10 @@ class Whole(Power):
         largest = constant(exponent.type, float(np.float32(2 ** (-_LEAST / self.exponent))))
 
         def reciprocal(t: Any) -> Any:
-            near = b.fcmp_ordered("<", t, largest)
-            return b.select(near, b.fdiv(one, t, flags=FAST), zero)
+            inverse = b.fdiv(one, t, flags=FAST)
+            if self.exponent < 3:  # no state is so far away
+                return inverse
+            return b.select(b.fcmp_ordered("<", t, largest), inverse, zero)
 
         def corrected(u: Any) -> Any:
             inverse = reciprocal(b.fadd(one, u))
