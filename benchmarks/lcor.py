@@ -97,6 +97,19 @@ def peers(floor: Floor) -> None:
         print(f"{name:>20}" + "".join(cells))
 
 
+def powers() -> None:
+    """Print the engine at αs whose powers are computed in different ways."""
+    states, queries = made(STORE, 29), made(2048, 29, 1)
+    references = References(states, np.random.default_rng(2).random(STORE, np.float32))
+    works = {
+        f"{alpha:g}": lambda alpha=alpha: references.sums(queries, alpha=alpha, threads=1)
+        for alpha in (1.0, 2.0, 3.0, 7.0, 11.0, 99.0, 199.0, 198.0)
+    }
+    print("\nthe engine at other α; ns per pair")
+    for alpha, seconds in interleaved(works).items():
+        print(f"{alpha:>20}{seconds * 1e9 / STORE / 2048:>9.2f}")
+
+
 def sizes(floor: Floor) -> None:
     """Print the engine's time and error over sizes of store, state and batch."""
     print("\nthe engine: ns per pair; torch.cdist + pow and the floor beside it; error against")
@@ -176,6 +189,7 @@ def main() -> None:
     print(f"{', '.join(names)}; {os.cpu_count()} processors; {target and target.tile}")
     floor = Floor()
     peers(floor)
+    powers()
     sizes(floor)
     fresh_processes()
     states = made(STORE, 29)

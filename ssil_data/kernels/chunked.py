@@ -1,4 +1,8 @@
-"""LCoR's sums in plain torch, block by block: the engine for any host and any device of torch's."""
+"""LCoR's sums in plain torch, block by block: the engine for any host and any device of torch's.
+
+The last bits of an answer may change with the number of queries asked at once and of torch's
+threads: so do its matrix products.
+"""
 
 from __future__ import annotations
 

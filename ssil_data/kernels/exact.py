@@ -1,4 +1,4 @@
-"""LCoR's exact sums of a few queries over one shard of packed references."""
+"""LCoR's exact sums of a few queries over packed references."""
 
 from __future__ import annotations
 
@@ -16,17 +16,15 @@ _NEARER = -3.0
 """Log of t of the nearest reference below which 1 + u has lost too many bits of t."""
 
 
-def exact_sums(
-    work: Pass, queries: NDArray[np.float32], panels: Panels, *, contributors: int
-) -> Sums:
+def exact_sums(work: Pass, queries: NDArray[np.float32], *, contributors: int) -> Sums:
     """Return the sums for centred queries (m, d), m ≥ 1.
 
     Weights are first taken relative to the kernel at a query's distance to the centre. Where that
     is out of the range of float32 (large α, far from the data) or too coarse (small α, close to a
     reference), they are taken again, relative to the nearest reference, which is known by then.
     """
-    to_centre = np.abs(queries).sum(axis=1, dtype=np.float64)
-    sums, brackets = work(queries, to_centre, panels)
+    to_centre = np.abs(queries.astype(np.float64)).sum(axis=1)
+    sums, brackets = work(queries, to_centre)
     nearest = work.distance(queries, brackets.min(axis=1))
     log_scale = log_kernel(nearest, work.alpha)
     log_weight = log_scale - log_kernel(to_centre, work.alpha)
@@ -35,10 +33,10 @@ def exact_sums(
         log_t = np.log1p(nearest / work.alpha) - np.log1p(to_centre / work.alpha)
         lost |= log_t < _NEARER
     if lost.any():
-        sums[:, lost], _ = work(queries[lost], nearest[lost], panels)
+        sums[:, lost], _ = work(queries[lost], nearest[lost])
         log_weight[lost] = 0
     numerator, denominator, squares = sums * np.exp(-log_weight * [[1], [1], [2]])
-    rows, distances = _top(queries, brackets, panels, min(contributors, panels.count))
+    rows, distances = _top(queries, brackets, work.panels, min(contributors, work.panels.count))
     weights = np.exp(log_kernel(distances, work.alpha) - log_scale[:, None])
     return Sums(numerator, denominator, squares, log_scale, rows, weights)
 

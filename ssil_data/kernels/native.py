@@ -6,7 +6,7 @@ import ctypes
 import mmap
 import os
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from threading import Lock
 from typing import Any
 
@@ -19,7 +19,7 @@ from ssil_data.kernels.products import Products
 from ssil_data.kernels.tile import Tile, emit
 
 _COMPILING = Lock()
-_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, *[ctypes.c_size_t] * 3, ctypes.c_float)
+_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, *[ctypes.c_size_t] * 5, ctypes.c_float)
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,13 @@ class Code:
         sums: NDArray[np.float64],
         brackets: NDArray[np.float32],
         *,
+        blocks: tuple[int, int],
         exponent: float,
     ) -> None:
-        """Add to `sums` and fill `brackets`: all contiguous, shaped as `tile.emit` says."""
+        """Fill some blocks of `sums` and `brackets`: all contiguous, shaped as `tile.emit` says."""
         addresses = (array.ctypes.data for array in (panels, queries, sums, brackets))
         width = queries.shape[1] - 2
-        self.function(*addresses, width, len(panels), len(queries), exponent)
+        self.function(*addresses, width, len(panels), len(queries), *blocks, exponent)
 
 
 def _may_write_code() -> bool:
@@ -98,9 +99,9 @@ def _may_write_code() -> bool:
     return ctypes.CDLL(None).mprotect(address, mmap.PAGESIZE, runnable) == 0
 
 
-@cache
+@lru_cache(maxsize=64)  # about 1 MB each
 def compiled(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
-    """Compile once per process what `tile.emit` describes."""
+    """Compile once per process, while in use, what `tile.emit` describes."""
     with _COMPILING:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()

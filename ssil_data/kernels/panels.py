@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +17,12 @@ _AT_ONCE = 1024
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """`count` references from row `first` on, `size` side by side: values (·, d + 2, size) float32.
+    """`count` references, `size` side by side: values (·, d + 2, size) float32.
 
     Each panel holds the d dimensions, then −Σx/2, then the leverage, each for `size` references.
     """
 
     values: NDArray[np.float32]
-    first: int
     count: int
 
     @classmethod
@@ -46,7 +44,7 @@ class Panels:
             padded[len(known) :, 0] = _NOWHERE
             padded[:, width] = padded[:, :width].sum(axis=1, dtype=np.float64) / -2
             part[:] = padded.reshape(len(part), size, width + 2).transpose(0, 2, 1)
-        return cls(values, 0, count)
+        return cls(values, count)
 
     @property
     def width(self) -> int:
@@ -58,15 +56,10 @@ class Panels:
         """Return the number of references in a panel."""
         return self.values.shape[2]
 
-    def shards(self, wanted: int) -> list[Panels]:
-        """Cut into at most `wanted` parts of about equal length; nothing is copied."""
-        bounds = np.linspace(0, len(self.values), min(wanted, len(self.values)) + 1).astype(int)
-        return [self.part(*ends) for ends in pairwise(bounds.tolist())]
-
     def part(self, begin: int, end: int) -> Panels:
         """Return panels `begin` to `end`; nothing is copied."""
         count = min(self.count - begin * self.size, (end - begin) * self.size)
-        return Panels(self.values[begin:end], self.first + begin * self.size, count)
+        return Panels(self.values[begin:end], count)
 
     @property
     def leverage(self) -> NDArray[np.float32]:
@@ -90,7 +83,7 @@ class Panels:
         near = np.flatnonzero(distance <= np.partition(distance, count - 1)[count - 1])
         row = chosen[near // self.size] * self.size + near % self.size
         order = np.lexsort((row, distance[near]))[:count]
-        return row[order] + self.first, distance[near[order]]
+        return row[order], distance[near[order]]
 
 
 def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -1,14 +1,16 @@
-"""Passes of compiled code over packed references, cut into pieces for several threads."""
+"""Passes of compiled code over packed references, cut into pieces for several threads.
+
+A query's answer does not depend on the cut, to the last bit: not on the other queries of the call,
+nor on the number of threads.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import reduce
-from itertools import islice, product, starmap
-from operator import add
+from itertools import pairwise
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
@@ -22,20 +24,22 @@ from ssil_data.kernels.products import Products
 _CANCELLATION = 200.0
 """Distance from the centre, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
 _TILES, _BRACKETS = 32, 1 << 23
-"""Tiles of queries that pass the references together, and numbers that all threads may hold."""
+"""Tiles of queries that pass the references together, and brackets that all threads may hold."""
 _INLINE = 1 << 22
 """Pairs below which threads are not worth their start."""
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Compiled code with the α that it is to be run at."""
+    """Compiled code, the α that it is to be run at, and the references, for `threads` to share."""
 
     code: Code
     alpha: float
+    panels: Panels
+    threads: int
 
     def __call__(
-        self, queries: NDArray[np.float32], distance: NDArray[np.float64], panels: Panels
+        self, queries: NDArray[np.float32], distance: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Return the code's products (count, m), and the smallest bracket in each panel (m, ·).
 
@@ -44,14 +48,23 @@ class Pass:
         factor = (1 if self.code.direct else 2) / (self.alpha + distance)
         offset = (self.distance(queries, 0) - distance) / (self.alpha + distance)
         columns = [queries, factor[:, None], offset[:, None] + self.code.power.offset]
-        rows, per_tile = np.concatenate(columns, axis=1, dtype=np.float32), self.code.tile.queries
-        tiles, count = -(-len(rows) // per_tile), self.code.products.count
-        filled = rows[np.minimum(np.arange(tiles * per_tile), len(rows) - 1)]
-        packed = np.ascontiguousarray(filled.reshape(tiles, per_tile, -1).transpose(0, 2, 1))
-        sums = np.zeros((tiles, count, per_tile))
-        brackets = np.empty((tiles * per_tile, len(panels.values)), np.float32)
-        self.code(panels.values, packed, sums, brackets, exponent=(self.alpha + 1) / 2)
-        return sums.transpose(1, 0, 2).reshape(count, -1)[:, : len(rows)], brackets[: len(rows)]
+        rows, tile = np.concatenate(columns, axis=1, dtype=np.float32), self.code.tile
+        tiles, count = -(-len(rows) // tile.queries), self.code.products.count
+        filled = rows[np.minimum(np.arange(tiles * tile.queries), len(rows) - 1)]
+        packed = np.ascontiguousarray(filled.reshape(tiles, tile.queries, -1).transpose(0, 2, 1))
+        values = self.panels.values
+        blocks = -(-len(values) // tile.panels)
+        sums = np.empty((blocks, tiles, count, tile.queries))
+        brackets = np.empty((tiles * tile.queries, len(values)), np.float32)
+
+        def run(part: tuple[int, int]) -> None:
+            exponent = (self.alpha + 1) / 2
+            self.code(values, packed, sums, brackets, blocks=part, exponent=exponent)
+
+        shards = min(2 * self.threads, blocks) if self.threads > 1 else 1
+        _each(run, pairwise(i * blocks // shards for i in range(shards + 1)), self.threads)
+        whole = sums.sum(axis=0).transpose(1, 0, 2).reshape(count, -1)
+        return whole[:, : len(rows)], brackets[: len(rows)]
 
     def distance(
         self, queries: NDArray[np.float32], bracket: NDArray[np.float32] | float
@@ -59,15 +72,11 @@ class Pass:
         """Return the distances that brackets (m,) stand for; rounding may leave them below 0."""
         if self.code.direct:
             return np.zeros(len(queries)) + bracket
-        return 2.0 * np.asarray(bracket, np.float64) - queries.sum(axis=1, dtype=np.float64)
+        return 2.0 * np.asarray(bracket, np.float64) - queries.astype(np.float64).sum(axis=1)
 
 
-class Additive(Protocol):
-    """Answers to some queries, which add up over shards of the references."""
-
-    def __add__(self, other: Self, /) -> Self:
-        """Join the answers of two shards."""
-        ...
+class Joinable(Protocol):
+    """Answers to some queries."""
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """Return the answers to the queries `rows`, in their order."""
@@ -79,11 +88,13 @@ class Additive(Protocol):
         ...
 
 
-Answer = TypeVar("Answer", bound=Additive)
+Answer = TypeVar("Answer", bound=Joinable)
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
 
 
 def spread(
-    answer: Callable[[Pass, NDArray[np.int64], Panels], Answer],
+    answer: Callable[[Pass, NDArray[np.int64]], Answer],
     queries: NDArray[np.float32],
     panels: Panels,
     products: Products,
@@ -91,12 +102,12 @@ def spread(
     target: Target,
     alpha: float,
     threads: int | None,
-    shard: bool = True,
 ) -> Answer:
-    """Cut centred queries (m, d), m ≥ 1, into parts and panels into shards; join the answers.
+    """Cut centred queries (m, d), m ≥ 1, into parts, a thread for each; join the answers.
 
-    `answer` gets the pass to make, the rows of the part and a shard. `threads` defaults to all
-    processors that this process may use, where there is work for them.
+    Where there are too few queries for that, threads share the references. `answer` gets the pass
+    to make and the rows of a part. `threads` defaults to all processors that this process may use,
+    where there is work for them.
     """
     threads = threads or (_processors() if len(queries) * panels.count >= _INLINE else 1)
     if len(queries) == 1:
@@ -104,30 +115,28 @@ def spread(
     brackets_per_tile = target.tile.queries * len(panels.values)
     tiles = min(_TILES, max(1, _BRACKETS // (threads * brackets_per_tile)))
     far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _CANCELLATION
+    rows = {direct: np.flatnonzero(far == direct) for direct in (False, True)}
+    cuts = {
+        direct: _parts(asked, tiles * target.tile.queries, threads)
+        for direct, asked in rows.items()
+        if len(asked)
+    }
+    few = all(len(cut) == 1 for cut in cuts.values())
     parts = []
-    for direct in (False, True):
-        rows = np.flatnonzero(far == direct)
-        if len(rows):
-            work = Pass(compiled(target, Power.of(alpha), products, direct=direct), alpha)
-            cut = _parts(rows, tiles * target.tile.queries, threads)
-            parts += [(work, chosen) for chosen in cut]
-    shards = panels.shards(-(-2 * threads // len(parts)) if shard and threads > 1 else 1)
-    jobs = [(work, rows, panels) for (work, rows), panels in product(parts, shards)]
-    done = iter(_each(answer, jobs, threads))
-    whole = [reduce(add, islice(done, len(shards))) for _ in parts]
+    for direct, cut in cuts.items():
+        code = compiled(target, Power.of(alpha), products, direct=direct)
+        work = Pass(code, alpha, panels, threads if few else 1)
+        parts += [(work, chosen) for chosen in cut]
+    whole = _each(lambda part: answer(*part), parts, 1 if few else threads)
     order = np.concatenate([rows for _, rows in parts])
     return type(whole[0]).joined(whole).take(np.argsort(order))
 
 
-def _each(
-    answer: Callable[[Pass, NDArray[np.int64], Panels], Answer],
-    jobs: list[tuple[Pass, NDArray[np.int64], Panels]],
-    threads: int,
-) -> list[Answer]:
-    if threads == 1 or len(jobs) == 1:
-        return list(starmap(answer, jobs))
+def _each(work: Callable[[Asked], Found], jobs: Iterable[Asked], threads: int) -> list[Found]:
+    if threads == 1:
+        return list(map(work, jobs))
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(answer, *zip(*jobs, strict=True)))
+        return list(pool.map(work, jobs))
 
 
 def _parts(rows: NDArray[np.int64], most: int, threads: int) -> list[NDArray[np.int64]]:

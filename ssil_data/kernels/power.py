@@ -1,8 +1,12 @@
-r"""The power w = t^(−p) of a kernel as LLVM instructions: closed forms and one for any α.
+r"""The power w = t^(−p) of a kernel as LLVM instructions: by products, or by a logarithm.
 
-p = (α + 1)/2 is 1, 3/2 and 2 for α = 1, 2, 3: a reciprocal, the cube of a reciprocal square root,
-a squared reciprocal. For any other α, with u = t − 1, w = 2^(−p · log₂(1 + u)). At large α the
-power magnifies every rounding of t, so the logarithm starts from u:
+p = (α + 1)/2 is whole where α is odd: w is then 1/t, squared and multiplied. At large p that
+magnifies the rounding of t and of its reciprocal v, so both are taken back, to the first order:
+
+    t = 1 + u,   v = (1 − e) / t with e = (1 − v) − u v,   w = v^p (1 + p e)
+
+At α = 2, w is the cube of a reciprocal square root, and for any other α, w = 2^(−p · log₂(1 + u))
+with a logarithm that starts from u, too:
 
     1 + u = 2^e m with 2/3 ≤ m < 4/3,   f = (1 + u) 2^(−e) − 1,   log₂(1 + u) = e + f · P(f)
     2^y = 2^n · Q(y − n) with n = ⌊y + 1/2⌋
@@ -13,8 +17,9 @@ underflow, are 0.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from enum import Enum
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,50 +31,102 @@ from ssil_data.kernels.instructions import FAST, constant, fmuladd, intrinsic
 _LEAST = -62.0
 _TWO_THIRDS, _ONE = 0x3F2AAAAB, 0x3F800000
 _ROUNDER = 1.5 * 2.0**23
+_ROUNDED, _MOST = 8, 100
+"""The largest whole p at which t may be rounded, and at which products are exact enough."""
 
 
-class Power(Enum):
-    """How t^(−p) is computed, by α; `offset` is what its input t or u adds to u."""
+class Power(ABC):
+    """How t^(−p) is computed; equal ones make equal code."""
 
-    RECIPROCAL = "α = 1"
-    ROOT_CUBED = "α = 2"
-    RECIPROCAL_SQUARED = "α = 3"
-    GENERAL = "any α"
+    @property
+    @abstractmethod
+    def offset(self) -> float:
+        """Return what its input is more than u: 0 where that is u, 1 where it is t."""
 
-    @classmethod
-    def of(cls, alpha: float) -> Power:
+    @abstractmethod
+    def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
+        """Return what writes w for a vector of t or u; `exponent` is the vector of p."""
+
+    @staticmethod
+    def of(alpha: float) -> Power:
         """Choose for α."""
-        special = {1.0: cls.RECIPROCAL, 2.0: cls.ROOT_CUBED, 3.0: cls.RECIPROCAL_SQUARED}
-        return special.get(alpha, cls.GENERAL)
+        exponent = (alpha + 1) / 2
+        if exponent in range(1, _MOST + 1):
+            return Whole(int(exponent))
+        return RootCubed() if alpha == 2 else General()
+
+
+@dataclass(frozen=True)
+class Whole(Power):
+    """α odd, from 1 to 199: some ten products at most, with p written into the code."""
+
+    exponent: int
 
     @property
     def offset(self) -> float:
-        """Return 0 where the input is u, 1 where it is t = u + 1."""
-        return 0.0 if self is Power.GENERAL else 1.0
+        """Return 1 where rounding t does no harm."""
+        return 1.0 if self.exponent <= _ROUNDED else 0.0
 
     def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
-        """Return what writes w for a vector of t or u; `exponent` is the vector of p."""
-        if self is Power.GENERAL:
-            return lambda u: _exp2(b, b.fneg(b.fmul(exponent, _log2_1p(b, u))))
-        one = constant(exponent.type, 1.0)
+        """Write the power of a reciprocal, 0 where it would be too small."""
+        one, zero = constant(exponent.type, 1.0), constant(exponent.type, 0.0)
+        largest = constant(exponent.type, float(np.float32(2 ** (-_LEAST / self.exponent))))
 
         def reciprocal(t: Any) -> Any:
-            return b.fdiv(one, t, flags=FAST)
+            inverse = b.fdiv(one, t, flags=FAST)
+            if self.exponent < 3:  # no state is so far away
+                return inverse
+            return b.select(b.fcmp_ordered("<", t, largest), inverse, zero)
 
-        def squared(t: Any) -> Any:
-            inverse = reciprocal(t)
-            return b.fmul(inverse, inverse)
+        def corrected(u: Any) -> Any:
+            inverse = reciprocal(b.fadd(one, u))
+            error = fmuladd(b, b.fneg(u), inverse, b.fsub(one, inverse))
+            return b.fmul(self._raised(b, inverse), fmuladd(b, error, exponent, one))
+
+        return corrected if self.offset == 0 else lambda t: self._raised(b, reciprocal(t))
+
+    def _raised(self, b: ir.IRBuilder, base: Any) -> Any:
+        """Square for every binary digit of p after the first, multiply where it is 1."""
+        power = base
+        for digit in f"{self.exponent:b}"[1:]:
+            power = b.fmul(power, power)
+            power = b.fmul(power, base) if digit == "1" else power
+        return power
+
+
+@dataclass(frozen=True)
+class RootCubed(Power):
+    """α = 2."""
+
+    @property
+    def offset(self) -> float:
+        """Return 1: its input is t."""
+        return 1.0
+
+    def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
+        """Write the cube of a reciprocal square root."""
+        one = constant(exponent.type, 1.0)
 
         def cubed(t: Any) -> Any:
             root = intrinsic(b, "sqrt", t, fastmath=FAST)
             inverse = b.fdiv(one, root, flags=FAST)
             return b.fmul(b.fmul(inverse, inverse), inverse)
 
-        return {
-            Power.RECIPROCAL: reciprocal,
-            Power.RECIPROCAL_SQUARED: squared,
-            Power.ROOT_CUBED: cubed,
-        }[self]
+        return cubed
+
+
+@dataclass(frozen=True)
+class General(Power):
+    """Any α."""
+
+    @property
+    def offset(self) -> float:
+        """Return 0: its input is u."""
+        return 0.0
+
+    def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
+        """Write the power of 2 with a logarithm's multiple."""
+        return lambda u: _exp2(b, b.fneg(b.fmul(exponent, _log2_1p(b, u))))
 
 
 def _log2_1p(b: ir.IRBuilder, u: Any) -> Any:

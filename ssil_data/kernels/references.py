@@ -58,9 +58,11 @@ class References:
         """Return the sums of equation 5 for queries (m, d) in the references' units.
 
         `contributors` > 0 also names that many of the heaviest references; `threads` defaults to
-        all processors that this process may use, where there is work for them.
+        all processors that this process may use, where there is work for them. Code written for a
+        processor answers a query the same to the last bit, whatever else is asked with it and by
+        however many threads; plain torch, and so any α below FLATTEST, does not.
         """
-        centred = queries - self._centre
+        centred = np.ascontiguousarray(queries - self._centre)
         if self._target is None:
             sums = self._plain.sums(centred, alpha=alpha, contributors=contributors)
         elif not len(queries):
@@ -85,8 +87,8 @@ class References:
         contributors: int,
         threads: int | None,
     ) -> Sums:
-        def answer(work: Pass, rows: NDArray[np.int64], panels: Panels) -> Sums:
-            return exact_sums(work, queries[rows], panels, contributors=contributors)
+        def answer(work: Pass, rows: NDArray[np.int64]) -> Sums:
+            return exact_sums(work, queries[rows], contributors=contributors)
 
         return spread(
             answer,
@@ -96,8 +98,6 @@ class References:
             target=target,
             alpha=alpha,
             threads=threads,
-            # smaller shards than `contributors` could not name enough of them
-            shard=contributors <= self._panels.size,
         )
 
 

@@ -90,8 +90,8 @@ class Sample:
             states = panels.unpacked()
             return SampleMoments(sample, chunked.moments(queries, *states, distance, alpha=alpha))
 
-        def answer(work: Pass, rows: NDArray[np.int64], panels: Panels) -> SampleMoments:
-            return SampleMoments(sample, work(queries[rows], distance[rows], panels)[0])
+        def answer(work: Pass, rows: NDArray[np.int64]) -> SampleMoments:
+            return SampleMoments(sample, work(queries[rows], distance[rows])[0])
 
         return spread(
             answer,
@@ -101,7 +101,6 @@ class Sample:
             target=self._target,
             alpha=alpha,
             threads=threads,
-            shard=False,
         )
 
     def _upto(self, end: int) -> list[tuple[int, Panels]]:

@@ -28,8 +28,9 @@ _GROWTH = 2**0.5
 class Sampled:
     """States (n, d) with their leverage (n,), of which a random part is asked.
 
-    `exact` answers from all of them. Equal seeds draw equal samples, of which the latest is kept.
-    What is to be known of all states is read when it is first needed.
+    `exact` answers from all of them. Equal seeds draw equal samples, of which the latest is kept,
+    and give equal answers, to the last bit where `References` does: whatever else is asked, and by
+    however many threads. What is to be known of all states is read when it is first needed.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class Sampled:
         totals = self.prepare()
         with self._lock:
             sample = self._samples(seed)
-        centred = queries - self._centre
+        centred = np.ascontiguousarray(queries - self._centre)
         return _Asked(sample, totals, self._population, centred, alpha, threads)
 
     def _exactly(self, queries: NDArray[np.float32], alpha: float, threads: int | None) -> Estimate:

@@ -36,7 +36,11 @@ from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
 
 BLOCK = 1024
-"""References that all queries of a call pass before the next ones: they stay in the cache."""
+"""References that all queries of a call pass before the next ones: they stay in the cache.
+
+Every query's products are added up in float32 within a block, from the first panel to the last, and
+blocks in float64: in one order, whatever else is asked and however many threads ask.
+"""
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,22 @@ class Tile:
         """Return how many references make a panel, the unit of packing."""
         return self.lanes * self.vectors
 
+    @property
+    def panels(self) -> int:
+        """Return how many panels make a block."""
+        return BLOCK // self.references
+
 
 def emit(tile: Tile, power: Power, products: Products, *, direct: bool) -> str:
-    """Return the text of `sums(panels, queries, sums, nearest, width, panels, tiles, p)`.
+    """Return the text of `sums(panels, queries, sums, nearest, width, panels, tiles, …)`.
 
     panels (·, width + 2, references) float32: the dimensions, −Σx/2, leverage. queries (tiles,
-    width + 2, queries) float32: the dimensions, factor and offset of t. sums (tiles,
-    products.count, queries) float64, added to. nearest (tiles · queries, panels) float32: the
-    smallest bracket in each panel. Every count is at least 1.
+    width + 2, queries) float32: the dimensions, factor and offset of t. sums (blocks, tiles,
+    products.count, queries) float64: of each block. nearest (tiles · queries, panels) float32: the
+    smallest bracket in each panel. The last arguments are the first block to pass, the one after
+    the last, and p; only their part of `sums` and `nearest` is written. Every count is at least 1.
     """
-    signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 3 + [FLOAT])
+    signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 5 + [FLOAT])
     function = ir.Function(ir.Module(), signature, "sums")
     builder = ir.IRBuilder(function.append_basic_block())
     _Sums(builder, tile, power, products, direct=direct).write()
@@ -77,19 +87,19 @@ class _Sums:
         self.b, self.tile, self.power, self.products = b, tile, power, products
         self.direct = direct
         self.panels, self.queries, self.sums, self.nearest, *rest = b.function.args
-        self.width, self.panel_count, self.tile_count, exponent = rest
+        self.width, self.panel_count, self.tile_count, self.begin, self.end, exponent = rest
         self.vectors = Vectors(b, tile.lanes)
         self.weight = power(b, self.vectors(exponent))
 
     def write(self) -> None:
-        per_block, one = INDEX(BLOCK // self.tile.references), INDEX(1)
-        blocks = self.b.add(self.b.udiv(self.b.sub(self.panel_count, one), per_block), one)
-        fold(self.b, blocks, [], lambda index, _: self.block(self.b.mul(index, per_block)))
+        blocks = self.b.sub(self.end, self.begin)
+        fold(self.b, blocks, [], lambda index, _: self.block(self.b.add(self.begin, index)))
         self.b.ret_void()
 
-    def block(self, first: Any) -> Sequence:
-        """Pass all tiles of queries over the panels from `first` on."""
-        most = INDEX(BLOCK // self.tile.references)
+    def block(self, block: Any) -> Sequence:
+        """Pass all tiles of queries over the panels of a block."""
+        most = INDEX(self.tile.panels)
+        first = self.b.mul(block, most)
         left = self.b.sub(self.panel_count, first)
         count = self.b.select(self.b.icmp_unsigned("<", left, most), left, most)
 
@@ -105,7 +115,8 @@ class _Sums:
                 return self.weighed(query, reference, brackets, totals)
 
             zeros = [self.vectors.zero] * (self.products.count * self.tile.queries)
-            self.add_totals(fold(self.b, count, zeros, panel), index)
+            place = self.b.add(self.b.mul(block, self.tile_count), index)
+            self.store_totals(fold(self.b, count, zeros, panel), place)
             return []
 
         return fold(self.b, self.tile_count, [], of_tile)
@@ -162,13 +173,12 @@ class _Sums:
             row = self.b.mul(self.b.add(first_query, INDEX(j)), self.panel_count)
             self.b.store(smallest, at(self.b, self.nearest, self.b.add(row, panel)))
 
-    def add_totals(self, totals: Sequence, index: Any) -> None:
-        """Add a block's totals to the sums, in float64."""
-        target = at(self.b, self.sums, self.b.mul(index, INDEX(len(totals))), DOUBLE)
+    def store_totals(self, totals: Sequence, place: Any) -> None:
+        """Keep a block's totals of one tile."""
+        target = at(self.b, self.sums, self.b.mul(place, INDEX(len(totals))), DOUBLE)
         for position, total in enumerate(totals):
-            place = at(self.b, target, INDEX(position), DOUBLE)
             partial = intrinsic(
                 self.b, "vector.reduce.fadd", FLOAT(0.0), total, result=FLOAT, fastmath=("reassoc",)
             )
-            added = self.b.fadd(self.b.load(place, typ=DOUBLE), self.b.fpext(partial, DOUBLE))
-            self.b.store(added, place)
+            element = at(self.b, target, INDEX(position), DOUBLE)
+            self.b.store(self.b.fpext(partial, DOUBLE), element)

@@ -110,7 +110,7 @@ def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: flo
     answer = field.lcor(queries)
     np.testing.assert_allclose(shuffled.lcor(queries).values, answer.values, atol=1e-7)
     alone = np.concatenate([field.lcor(queries[i : i + 1]).values for i in range(len(queries))])
-    np.testing.assert_allclose(alone, answer.values, atol=1e-7)
+    np.testing.assert_array_equal(alone, answer.values)
 
 
 @pytest.mark.parametrize(
@@ -195,6 +195,14 @@ def test_auto_alpha_makes_an_answer_rest_on_the_wanted_share_of_the_store(share:
     )
     sizes = field.lcor(queries).effective_sample_size
     assert sizes.mean() / 5000 == pytest.approx(share, rel=0.2)
+
+
+@pytest.mark.parametrize(("share", "is_odd"), [(0.1, True), (0.5, False)])
+def test_auto_alpha_is_odd_where_that_changes_little(share: float, is_odd: bool):
+    rng = np.random.default_rng(16)
+    states = rng.normal(size=(3000, 1)) + rng.normal(size=(3000, 100)) * 0.3
+    alpha = auto_alpha(states.astype(np.float32), share=share)  # near 37 and near 2.6
+    assert (alpha % 2 == 1) == is_odd
 
 
 def test_auto_alpha_stops_at_its_ends():

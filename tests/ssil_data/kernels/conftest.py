@@ -12,7 +12,7 @@ from ssil_data.kernels import log_kernel
 from ssil_data.kernels.native import AVX2, AVX512, GENERIC, NEON, Target
 from ssil_data.kernels.tile import Tile
 
-ALPHAS = (1e-4, 0.01, 0.3, 1.0, 2.0, 3.0, 7.5, 100.0, 1e4, 1e9)
+ALPHAS = (1e-4, 0.01, 0.3, 1.0, 2.0, 3.0, 7.5, 11.0, 100.0, 199.0, 1e4, 1e9)
 
 
 def targets() -> list[Target | None]:
@@ -63,4 +63,10 @@ def slow_lcor(
 @pytest.fixture(params=targets(), ids=name_of)
 def target(request: pytest.FixtureRequest) -> Target | None:
     """Run a test once per target."""
+    return request.param
+
+
+@pytest.fixture(params=[target for target in targets() if target], ids=name_of)
+def compiling(request: pytest.FixtureRequest) -> Target:
+    """Run a test once per target that code is written for."""
     return request.param

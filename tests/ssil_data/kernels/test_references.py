@@ -1,7 +1,8 @@
 """The engine's sums are those of the slow reference, on every path, however the work is cut."""
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
+from dataclasses import fields
+from functools import cache, reduce
 from operator import add
 
 import numpy as np
@@ -13,6 +14,8 @@ from ssil_data.kernels import References, Sums
 from ssil_data.kernels.native import Target
 
 from .conftest import ALPHAS, made, slow_lcor
+
+ALPHAS_OF_ALL_POWERS = (0.3, 1.0, 2.0, 3.0, 7.5, 11.0, 99.0, 198.0, 199.0, 1e4)
 
 
 def assert_same(sums: Sums, other: Sums) -> None:
@@ -45,6 +48,15 @@ def test_queries_on_a_reference_are_the_slow_sum_at_flat_kernels(
     sums = References(states, leverage, target=target).sums(queries, alpha=alpha)
     values, _ = slow_lcor(queries, states, leverage, alpha)
     np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("power", [*range(1, 12), 15, 16, 31, 63, 64, 95, 99, 100, 101])
+def test_every_whole_power_weighs_two_states_as_float64_does(power: int):
+    states, alpha = np.array([[0], [50]], np.float32), 2.0 * power - 1
+    queries = np.linspace(-30, 80, 400, dtype=np.float32)[:, None]
+    values = References(states, states[:, 0] / 50).sums(queries, alpha=alpha).values
+    known, _ = slow_lcor(queries, states, states[:, 0] / 50, alpha)
+    np.testing.assert_allclose(values, known, atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("width", range(1, 65))
@@ -91,7 +103,7 @@ def test_far_queries_never_become_nothing_over_nothing(
         assert (sums.effective_sample_size <= 300 * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize("alpha", [1.0, 3.0, 100.0, 1e4])
+@pytest.mark.parametrize("alpha", [1.0, 3.0, 11.0, 99.0, 100.0, 1e4])
 def test_neighbours_far_from_the_centre_are_told_apart(target: Target | None, alpha: float):
     (states, leverage), (queries, _) = made(4, 500, 29), made(5, 12, 29)
     states[:50] += 1024
@@ -123,6 +135,62 @@ def test_threads_permutation_and_shards_do_not_matter(alpha: float):
     parts = [slice(0, 5000), slice(5000, 5001), slice(5001, None)]
     shards = [References(states[p], leverage[p]).sums(queries, alpha=alpha) for p in parts]
     assert_same(reduce(add, shards), whole)
+
+
+def assert_equal(sums: Sums, other: Sums) -> None:
+    for field in fields(sums):
+        np.testing.assert_array_equal(getattr(sums, field.name), getattr(other, field.name))
+
+
+@cache
+def near_and_far(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states and leverage, and queries of which some lie far away and one on a state.
+
+    Later states lie farther out, so that blocks differ in weight, and their sums round.
+    """
+    (states, leverage), (queries, _) = made(16, count, 29), made(17, 230, 29)
+    states *= np.linspace(0.2, 3, count, dtype=np.float32)[:, None]
+    queries[::7] *= 40
+    queries[5:7] *= np.float32(1e5)
+    queries[3] = states[3]
+    return states, leverage, queries
+
+
+@pytest.mark.parametrize("alpha", ALPHAS_OF_ALL_POWERS)
+@pytest.mark.parametrize("count", [50, 2500])
+def test_no_bit_of_an_answer_depends_on_the_batch_or_the_threads(
+    compiling: Target, count: int, alpha: float
+):
+    states, leverage, queries = near_and_far(count)
+    references = References(states, leverage, target=compiling)
+
+    def ask(rows: np.ndarray | slice, threads: int | None = None) -> Sums:
+        return references.sums(queries[rows], alpha=alpha, contributors=3, threads=threads)
+
+    whole, everyone = ask(slice(None), 1), np.arange(len(queries))
+    for threads in (2, 3):
+        assert_equal(ask(slice(None), threads), whole)
+        assert_equal(ask(everyone[::-1], threads), whole.take(everyone[::-1]))
+    for row in everyone[:40]:
+        assert_equal(ask(everyone[row : row + 1]), whole.take(everyone[row : row + 1]))
+    columns = np.asfortranarray(queries[:9])
+    found = references.sums(columns, alpha=alpha, contributors=3)
+    assert_equal(found, whole.take(everyone[:9]))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from(ALPHAS_OF_ALL_POWERS), st.integers(1, 3))
+def test_any_cut_of_a_batch_gives_the_same_bits(seed: int, alpha: float, threads: int):
+    states, leverage, queries = near_and_far(20_000)
+    references, rng = References(states, leverage), np.random.default_rng(seed)
+    order = rng.permutation(len(queries))
+    bounds = rng.choice(np.arange(1, len(queries)), 4, replace=False)
+    parts = [
+        references.sums(queries[rows], alpha=alpha, contributors=2, threads=threads)
+        for rows in np.split(order, np.sort(bounds))
+    ]
+    whole = references.sums(queries, alpha=alpha, contributors=2)
+    assert_equal(Sums.joined(parts), whole.take(order))
 
 
 @pytest.mark.parametrize("contributors", [1, 10, 65])
