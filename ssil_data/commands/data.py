@@ -92,7 +92,8 @@ def import_file(
     found = imported(columns, layout)
     store = place.open()
     if append:
-        dataset = _checked_names(store[name], found).append(found.episodes)
+        with store.writing(name) as before:
+            dataset = _checked_names(before, found).append(found.episodes)
     else:
         dataset = store.create(
             name,

@@ -63,8 +63,7 @@ def score(
     fitted:
         Use the estimator and scale of this run, [DATASET/]RUN, instead of fitting.
     """
-    dataset = place.open()[name]
-    with progress() as report:
+    with place.open().writing(name) as dataset, progress() as report:
         if fitted is not None:
             fitting = {"estimator": estimator, "preset": preset, "scale": scale}
             fitting |= {"surprisal": surprisal, "seed": seed}

@@ -5,9 +5,11 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
 
+from ssil_data.cli import main
 from ssil_data.dataset import Dataset
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.storage import Folder
@@ -142,3 +144,26 @@ def test_what_is_being_built_or_is_not_the_stores_is_not_swept(store: Store, dat
     assert len(store.create("built", episodes(), **NAMES)) == 10
     found = sorted(path.name for path in place(store).iterdir())
     assert found == [".backup.20261122", ".service", ".unfinished", "built", "drives"]
+
+
+@pytest.mark.parametrize(
+    "words", [["score", "drives", "--estimator", "vae"], ["import", "more.npz", "--append"]]
+)
+def test_commands_that_write_are_refused_a_dataset_that_is_being_deleted(
+    words: list[str],
+    store: Store,
+    dataset: Dataset,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    given = drive(9, 4)
+    arrays = {"states": given.states, "actions": given.actions}
+    np.savez(tmp_path / "more.npz", allow_pickle=False, **arrays)
+    monkeypatch.chdir(tmp_path)
+    named = ["--name", "drives"] if words[0] == "import" else []
+    with store._held("drives", alone=True), pytest.raises(SystemExit) as status:
+        main([*words, *named, "--store", str(place(store))])
+    assert status.value.code == 2
+    assert "expected it free, found it being deleted" in " ".join(capsys.readouterr().err.split())
+    assert list(store["drives"].runs) == []
