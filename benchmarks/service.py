@@ -135,7 +135,7 @@ class Crowd:
 async def crowd(port: int, process: int, path: str, media: str, body: bytes) -> Crowd:
     """Ask from 64 connections; the clients speak HTTP by hand, to cost little themselves."""
     head = (
-        f"POST {path} HTTP/1.1\r\nHost: a\r\nContent-Type: {media}\r\nAccept: {media}\r\n"
+        f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media}\r\nAccept: {media}\r\n"
         f"Content-Length: {len(body)}\r\n\r\n"
     ).encode()
     found = Crowd([], 0.0, 0.0)

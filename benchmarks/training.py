@@ -1,10 +1,11 @@
 """How many environment steps a second does training make, evaluation included?
 
 Rows train in turns with each other on the racetrack's twin, 32 cars × 64 steps an iteration, torch
-in one thread. stable-baselines3-contrib's TRPO gets the true reward, on real environments as it
-usually takes them and on the same twin: it has no discriminator, no second critic, no evaluation.
-Processor time is what one core would take, wall time what the machine took, with whatever else it
-was doing. Then where an iteration's time goes.
+in one thread. stable-baselines3-contrib's TRPO gets the true reward, and has no discriminator, no
+second critic and no evaluation: with our settings on the same twin; with its own defaults there,
+2,048 steps of each car and ten epochs of its critic in batches of 128; and with its own defaults on
+one real environment, as it is usually called. Processor time is what one core would take, wall time
+what the machine took, with whatever else it was doing. Then where an iteration's time goes.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ import shutil
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from sb3_contrib import TRPO
@@ -36,7 +39,20 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 import ssil_data as sd
 
 ROUNDS = 3
-STEPS = 61_440
+STEPS, REAL_STEPS = 65_536, 4_096
+OURS = TrainSettings()
+LIKE_OURS = {
+    "n_steps": OURS.horizon,
+    "batch_size": OURS.critic_batch,
+    "n_critic_updates": OURS.critic_epochs,
+    "learning_rate": OURS.critic_rate,
+    "cg_max_steps": OURS.conjugate_steps,
+    "sub_sampling_factor": round(1 / OURS.fisher_share),
+    "gamma": OURS.discount,
+    "gae_lambda": OURS.gae_lambda,
+    "target_kl": OURS.kl,
+    "policy_kwargs": {"net_arch": {"pi": [OURS.hidden] * 2, "vf": [OURS.hidden] * 2}},
+}
 
 
 def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
@@ -54,18 +70,9 @@ def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
     return Job(method, settings, demonstrations, lambda n: side_by_side("racetrack", n), {}, expert)
 
 
-def rival(envs: VecEnv, steps: int) -> None:
+def rival(envs: VecEnv, steps: int, settings: Mapping[str, Any]) -> None:
     """Train sb3-contrib's TRPO by the true reward."""
-    learner = TRPO(
-        "MlpPolicy",
-        envs,
-        n_steps=64,
-        batch_size=256,
-        seed=0,
-        device="cpu",
-        policy_kwargs={"net_arch": {"pi": [64, 64], "vf": [64, 64]}},
-    )
-    learner.learn(steps)
+    TRPO("MlpPolicy", envs, seed=0, device="cpu", **settings).learn(steps)
 
 
 def twin() -> VecEnv:
@@ -74,48 +81,58 @@ def twin() -> VecEnv:
 
 
 def real() -> VecEnv:
-    """Return 32 real environments, stepped one by one as is usual."""
-    return DummyVecEnv([partial(single, "racetrack")] * 32)
+    """Return one real environment, as sb3 wraps it."""
+    return DummyVecEnv([partial(single, "racetrack")])
 
 
-def rows(dataset: sd.Dataset) -> dict[str, Callable[[int], object]]:
-    """Return what is compared: each takes a number of steps."""
+@dataclass(frozen=True)
+class Row:
+    """One of what is compared: trains for a number of steps."""
 
-    def ours(method: str, evaluate_every: int = 5) -> Callable[[int], object]:
+    name: str
+    train: Callable[[int], object]
+    steps: int = STEPS
+
+
+def rows(dataset: sd.Dataset) -> list[Row]:
+    """Return what is compared."""
+
+    def ours(method: str, evaluate_every: int = OURS.evaluate_every) -> Callable[[int], object]:
         return lambda steps: train(
-            job(dataset, method, TrainSettings(steps=steps, evaluate_every=evaluate_every))
+            job(dataset, method, replace(OURS, steps=steps, evaluate_every=evaluate_every))
         )
 
-    return {
-        "GAIL": ours("gail"),
-        "GAIL, evaluated at its ends alone": ours("gail", evaluate_every=10_000),
-        "MixGAIL": ours("mixgail"),
-        f"SSIL, {len(dataset):,} demonstrations": ours("ssil"),
-        "sb3-contrib TRPO, real environments": lambda steps: rival(real(), steps),
-        "sb3-contrib TRPO on the twin": lambda steps: rival(twin(), steps),
-    }
+    return [
+        Row("GAIL", ours("gail")),
+        Row("GAIL, evaluated at its ends alone", ours("gail", evaluate_every=10_000)),
+        Row("MixGAIL", ours("mixgail")),
+        Row(f"SSIL, {len(dataset):,} demonstrations", ours("ssil")),
+        Row("sb3-contrib TRPO, our settings", lambda steps: rival(twin(), steps, LIKE_OURS)),
+        Row("its defaults", lambda steps: rival(twin(), steps, {})),
+        Row("its defaults, one real car", lambda steps: rival(real(), steps, {}), REAL_STEPS),
+    ]
 
 
-def print_speeds(compared: dict[str, Callable[[int], object]]) -> None:
-    """Print steps a second, medians over interleaved rounds, and their ratios to the last row's."""
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in compared}
-    for run in compared.values():
-        run(4_096)
+def print_speeds(compared: list[Row]) -> None:
+    """Print steps a second, medians over interleaved rounds, and how many times that GAIL makes."""
+    found: dict[str, list[tuple[float, float]]] = {row.name: [] for row in compared}
+    for row in compared:
+        row.train(2_048)
     for _ in range(ROUNDS):
-        for name, run in compared.items():
+        for row in compared:
             wall, processor = time.perf_counter(), time.process_time()
-            run(STEPS)
+            row.train(row.steps)
             spent = time.process_time() - processor, time.perf_counter() - wall
-            found[name].append((STEPS / spent[0], STEPS / spent[1]))
+            found[row.name].append((row.steps / spent[0], row.steps / spent[1]))
     median = {
         name: [statistics.median(column) for column in zip(*rates, strict=True)]
         for name, rates in found.items()
     }
-    (*_, rival_rate) = median.values()
-    print(f"{STEPS:,} steps, medians of {ROUNDS} interleaved rounds, steps/s (× the last)")
+    gail, *_ = median.values()
+    print(f"{STEPS:,} steps, medians of {ROUNDS} interleaved rounds, steps/s (GAIL's / the row's)")
     print(f"{'':>36}{'processor time':>22}{'wall time':>22}")
     for name, rates in median.items():
-        cells = (f"{r:,.0f} ({r / b:.1f})" for r, b in zip(rates, rival_rate, strict=True))
+        cells = (f"{r:,.0f} ({g / r:.2f})" for r, g in zip(rates, gail, strict=True))
         print(f"{name:>36}" + "".join(f"{cell:>22}" for cell in cells))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -30,6 +31,7 @@ from ssil_service.problems import Problem, of_library, of_validation
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
 from ssil_service.routes.parameters import refuse_unknown
 from ssil_service.settings import Settings
+from ssil_service.shortcut import Shortcut
 from ssil_service.state import State
 
 _BASE = 2**29
@@ -67,6 +69,7 @@ def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Edge:
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
     app.openapi = lambda: described(app)
+    app.state.shortcut = Shortcut(app, partial(_explained, app))
     return Edge(app, settings, metrics, None if keys else Hosts.of(settings, hosts))
 
 
@@ -106,9 +109,12 @@ async def _problem(request: Request, error: Any) -> Response:
     return error.response(request.url.path)
 
 
+def _explained(app: FastAPI, error: SsilDataError) -> Problem:
+    return of_library(error, [Store(app.state.settings.store).folder.uri])
+
+
 async def _library(request: Request, error: Any) -> Response:
-    known = [Store(request.app.state.settings.store).folder.uri]
-    return of_library(error, known).response(request.url.path)
+    return _explained(request.app, error).response(request.url.path)
 
 
 async def _validation(request: Request, error: Any) -> Response:

@@ -63,9 +63,14 @@ def _is_int64(value: Any) -> bool:
     return whole and int(value) in _INT64
 
 
+def _column(table: pa.Table, name: str) -> Any:
+    column = table[name]
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+
+
 def matrix_of_column(table: pa.Table, name: str, width: int) -> NDArray[Any]:
     """Return a validated column of lists as (n, width); raises a Problem naming odd rows."""
-    column: Any = table[name].combine_chunks()
+    column = _column(table, name)
     if column.null_count:
         rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
         raise row_problem(name, rows, "expected a list, found none")
@@ -76,15 +81,22 @@ def matrix_of_column(table: pa.Table, name: str, width: int) -> NDArray[Any]:
             raise row_problem(name, odd, f"expected width {width}, found {lengths[odd[0]]}")
     elif column.type.list_size != width:
         raise field_problem(name, f"expected width {width}, found {column.type.list_size}")
-    cells = column.flatten()
+    cells = _cells(column)
     if cells.null_count:
         raise cell_problem(name, _places(cells.is_null().to_numpy(zero_copy_only=False), width))
     return cells.to_numpy(zero_copy_only=False).reshape(len(column), width)
 
 
+def _cells(column: Any) -> Any:
+    """Return the cells of a column without nulls; those of one that is whole are simply there."""
+    if pa.types.is_fixed_size_list(column.type) and not column.offset:
+        return column.values[: len(column) * column.type.list_size]
+    return column.flatten()
+
+
 def integers_of_column(table: pa.Table, name: str) -> NDArray[np.int64]:
     """Return a column of integers as (n,); raises a Problem naming rows without one."""
-    column: Any = table[name].combine_chunks()
+    column = _column(table, name)
     if column.null_count:
         rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
         raise row_problem(name, rows, "expected an integer, found none")

@@ -11,7 +11,7 @@ import time
 
 from fastapi import FastAPI
 from starlette.requests import ClientDisconnect
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ssil_service.context import Context
 from ssil_service.exchange import Exchange, Held
@@ -40,6 +40,7 @@ class Edge:
         self, app: FastAPI, settings: Settings, metrics: Metrics, hosts: Hosts | None
     ) -> None:
         self.app = app
+        self._inner: ASGIApp = getattr(app.state, "shortcut", app)
         self.settings = settings
         self.metrics = metrics
         self.held = Held(settings.held_bytes)
@@ -85,7 +86,7 @@ class Edge:
             if self._hosts is not None:
                 self._hosts.refuse_foreign(scope["method"], exchange.headers)
             exchange.refuse_large()
-            await self.app(inner, exchange.receive, exchange.send)
+            await self._inner(inner, exchange.receive, exchange.send)
             if exchange.refused is not None:
                 await exchange.answer(exchange.refused)
         except (ClientDisconnect, TimeoutError):

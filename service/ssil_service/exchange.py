@@ -8,7 +8,6 @@ import secrets
 import time
 from collections.abc import Callable
 
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
 from ssil_data.client.wire import JSON
@@ -22,6 +21,9 @@ _SLOWEST = 65_536
 """Bytes a second that a body must bring, and an answer be taken with, beyond the first seconds."""
 _IDLE = 10.0
 _PART = 65_536
+_JSON = JSON.encode()
+_NOSNIFF = (b"x-content-type-options", b"nosniff")
+_NO_CACHE = (b"cache-control", b"no-cache")
 _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
@@ -49,7 +51,7 @@ class Exchange:
         self, scope: Scope, receive: Receive, send: Send, settings: Settings, held: Held
     ) -> None:
         self.scope = scope
-        self.headers = headers = Headers(scope=scope)
+        self.headers = headers = dict(scope["headers"])
         self.begin = time.perf_counter()
         self.status = 0
         self.received = 0
@@ -58,13 +60,13 @@ class Exchange:
         self._held, self._holds = held, 0
         self._sent, self._waited = 0, 0.0
         self._ended = False
-        given = headers.get("x-request-id", "")
+        given = headers.get(b"x-request-id", b"").decode("latin-1")
         self.id = given if _ID.fullmatch(given) else secrets.token_hex(8)
-        self._length = headers.get("content-length", "")
+        self._length = headers.get(b"content-length", b"")
         self._uploads = scope["method"] == "PUT" or scope["path"].endswith("/episodes")
         if self._uploads:
             self._most = settings.upload_bytes
-        elif headers.get("content-type", "").partition(";")[0].strip().lower() == JSON:
+        elif headers.get(b"content-type", b"").partition(b";")[0].strip().lower() == _JSON:
             self._most = min(settings.json_bytes, settings.body_bytes)
         else:
             self._most = settings.body_bytes
@@ -101,16 +103,18 @@ class Exchange:
         if self.refused is not None:
             return
         if message["type"] == "http.response.start":
-            headers = MutableHeaders(scope=message)
+            headers = message["headers"]
+            names = dict(headers)
             try:
-                self._hold(int(headers.get("content-length", 0)))
+                self._hold(int(names.get(b"content-length", 0)))
             except Problem as problem:  # the application has begun, and may not see it
                 self.refused = problem
                 return
             self.status = message["status"]
-            headers["X-Request-ID"] = self.id
-            headers["X-Content-Type-Options"] = "nosniff"
-            headers.setdefault("Cache-Control", "no-cache")
+            added = [(b"x-request-id", self.id.encode()), _NOSNIFF]
+            if b"cache-control" not in names:
+                added.append(_NO_CACHE)
+            message = {**message, "headers": [*headers, *added]}
             await self._patiently(message)
             return
         body = message.get("body", b"")
@@ -126,17 +130,16 @@ class Exchange:
             await self._patiently({"type": message["type"], "body": part, "more_body": more})
 
     async def _patiently(self, message: Message) -> None:
-        """Send one message; only the time that the client makes us wait counts.
+        """Send one message; of all, only the time that the client makes us wait counts.
 
-        No part may take longer than the first seconds; all of them together no longer than they
-        would at the slowest pace.
+        That no single part waits for ever is the connection's business.
         """
-        begin, patience = time.perf_counter(), self._settings.send_seconds
-        left = patience + self._sent / _SLOWEST - self._waited
-        async with asyncio.timeout(max(0.0, min(patience, left))):
-            await self._send(message)
+        begin = time.perf_counter()
+        await self._send(message)
         self._sent += len(message.get("body", b""))
         self._waited += time.perf_counter() - begin
+        if self._waited > self._settings.send_seconds + self._sent / _SLOWEST:
+            raise TimeoutError
 
     async def answer(self, problem: Problem) -> None:
         """Answer with a problem, if nothing was answered yet."""

@@ -6,10 +6,8 @@ own name (DNS) even read the answers; the browser then still tells that name as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-
-from starlette.datastructures import Headers
 
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings
@@ -30,13 +28,13 @@ class Hosts:
         bound = f"[{settings.host}]" if ":" in settings.host else settings.host.lower()
         return cls(frozenset({*_LOCAL, bound, *others}))
 
-    def refuse_foreign(self, method: str, headers: Headers) -> None:
+    def refuse_foreign(self, method: str, headers: Mapping[bytes, bytes]) -> None:
         """Raise a Problem: 421 for another host, 403 for a change that another site asks for."""
-        host = headers.get("host", "")
+        host = headers.get(b"host", b"").decode("latin-1")
         if _name(host) not in self.names:
             raise Problem(421, "Host: expected a local name, as no keys are set, found another")
-        origin = headers.get("origin")
-        foreign = origin is not None and origin.partition("://")[2] != host
+        origin = headers.get(b"origin")
+        foreign = origin is not None and origin.partition(b"://")[2] != host.encode("latin-1")
         if foreign and method not in _SAFE:
             raise Problem(403, "Origin: expected this service, as no keys are set, found another")
 

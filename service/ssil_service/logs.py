@@ -40,6 +40,7 @@ def start_logging(level: str) -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(_Lines())
     # what a line does not show is not looked for
+    logging._srcfile = None  # pyright: ignore[reportAttributeAccessIssue]
     logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
     root = logging.getLogger()
     root.handlers = [handler]

@@ -13,19 +13,22 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ssil_service.exchange import ABORT
+from ssil_service.logs import told
 from ssil_service.problems import PROBLEM, Problem
 
 
-def impatient(seconds: float, connections: int) -> type[H11Protocol]:
-    """Return a protocol that drops a connection whose next request's head takes longer.
+def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol]:
+    """Return a protocol that drops connections.
 
-    Of more than so many connections, it closes the newest at once.
+    Those whose next request's `head` takes more seconds, those that take nothing of an answer for
+    `send` seconds, and of more than so many connections the newest, at once.
     """
 
     class Impatient(H11Protocol):
         """Drops connections that say nothing, or half of something, or do not listen."""
 
         _deadline: asyncio.TimerHandle | None = None
+        _deaf: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
@@ -54,23 +57,41 @@ def impatient(seconds: float, connections: int) -> type[H11Protocol]:
                 self.transport.write(self.conn.send(event) or b"")
             self.transport.close()
 
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            self._deaf = self.loop.call_later(send, self._give_up)
+
+        def resume_writing(self) -> None:
+            self._listens()
+            super().resume_writing()
+
         def timeout_keep_alive_handler(self) -> None:
             self._end()
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._forget()
+            self._listens()
             super().connection_lost(exc)
 
         def _answering(self) -> bool:
             return self.cycle is not None and not self.cycle.response_complete
 
         def _wait(self) -> None:
-            self._deadline = self.loop.call_later(seconds, self._drop)
+            self._deadline = self.loop.call_later(head, self._drop)
 
         def _forget(self) -> None:
             if self._deadline is not None:
                 self._deadline.cancel()
                 self._deadline = None
+
+        def _listens(self) -> None:
+            if self._deaf is not None:
+                self._deaf.cancel()
+                self._deaf = None
+
+        def _give_up(self) -> None:
+            told("deaf", client=self.client)
+            self.transport.abort()
 
         def _drop(self) -> None:
             self._deadline = None

@@ -44,7 +44,11 @@ class _Server(uvicorn.Server):
             app,
             host=settings.host,
             port=settings.port,
-            http=impatient(settings.header_seconds, settings.connections),
+            http=impatient(
+                head=settings.header_seconds,
+                send=settings.send_seconds,
+                connections=settings.connections,
+            ),
             ws="none",
             lifespan="on",
             log_config=None,

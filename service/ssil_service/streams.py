@@ -7,7 +7,7 @@ compressed, and a few bytes of it may promise any number of rows.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pyarrow as pa
 
@@ -27,16 +27,30 @@ def read_stream(
     """
     try:
         buffer = pa.py_buffer(body)
-        stream = pa.ipc.open_stream(buffer)
-        check(stream.schema)
-        _refuse_bombs(buffer, most_rows)
-        batches = list(stream)
+        messages = iter(pa.ipc.MessageReader.open_stream(buffer))
+        first = next(messages)
+        if first.type != "schema":  # pyarrow would read it as one, and die
+            raise ValueError("stream")
+        schema = pa.ipc.read_schema(first)
+        check(schema)
+        plain = _refuse_bombs(messages, most_rows)
+        if plain is None:  # dictionaries, which only a reader of the whole stream resolves
+            batches = list(pa.ipc.open_stream(buffer))
+        else:
+            batches = [pa.ipc.read_record_batch(message, schema) for message in plain]
         for batch in batches:
             batch.validate(full=True)
-        return pa.Table.from_batches(batches, stream.schema)
+        return pa.Table.from_batches(batches, schema)
     except Problem:
         raise
-    except (pa.ArrowException, OSError, ValueError, TypeError, struct.error) as error:
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        TypeError,
+        StopIteration,
+        struct.error,
+    ) as error:
         raise not_readable("an Arrow IPC stream", error) from None
 
 
@@ -47,21 +61,24 @@ def not_readable(kind: str, error: Exception) -> Problem:
     )
 
 
-def _refuse_bombs(buffer: pa.Buffer, most_rows: int) -> None:
-    rows = batches = 0
-    for message in pa.ipc.MessageReader.open_stream(buffer):
+def _refuse_bombs(messages: Iterator[pa.Message], most_rows: int) -> list[pa.Message] | None:
+    """Return the record batches, None if there are other messages; raises a Problem for bombs."""
+    rows, batches, plain = 0, list[pa.Message](), True
+    for message in messages:
         if message.type != "record batch":
+            plain = False
             continue
         batch = _table(message.metadata.to_pybytes())
         if batch.slot(_COMPRESSION):
             raise Problem(415, "body: expected uncompressed Arrow buffers, found compressed ones")
         rows += batch.int64(_ROWS)
-        batches += 1
-        if rows > most_rows or batches > _BATCHES:
+        batches.append(message)
+        if rows > most_rows or len(batches) > _BATCHES:
             raise Problem(
                 413,
                 f"body: expected at most {most_rows} rows in {_BATCHES} batches, found more",
             )
+    return batches if plain else None
 
 
 class _FlatTable:

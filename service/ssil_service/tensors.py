@@ -82,9 +82,12 @@ def written(
 def _of_json(tensor: Tensor) -> np.ndarray:
     """Return the numbers of a tensor, flat or in rows, none of them turned into another."""
     rows = tensor.data or []
-    flat = list(chain.from_iterable(rows)) if set(map(type, rows)) == {list} else rows
+    nested = set(map(type, rows)) == {list}
+    flat = list(chain.from_iterable(rows)) if nested else rows
     whole = tensor.datatype == "INT64"
     try:
+        if nested and {len(row) for row in rows} != {*tensor.shape[1:]}:
+            raise ValueError
         if not set(map(type, flat)) <= ({int} if whole else {int, float}):
             raise ValueError
         return np.array(flat, np.int64 if whole else np.float64).reshape(_shape(tensor))

@@ -53,7 +53,7 @@ def _reached(url: str) -> Iterator[RemoteStore]:
     key, patience = os.environ.get(KEY), _Told(total=LATER, url=url)
     with connect(url, key, patience=replace(patience, total=AT_FIRST)) as store:
         _ = store.limits
-    with connect(url, key, timeout=120.0, patience=patience) as store:
+    with connect(url, key, patience=patience) as store:
         yield store
 
 

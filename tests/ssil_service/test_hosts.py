@@ -8,7 +8,6 @@ from ssil_service import embedded
 from ssil_service.hosts import Hosts
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings
-from starlette.datastructures import Headers
 
 
 @pytest.mark.parametrize("host", ["rebound.example", "rebound.example:8000", "", "127.0.0.1.x"])
@@ -28,9 +27,9 @@ def test_local_names_are_answered(host: str, asked: httpx.Client):
 
 def test_the_bound_address_is_answered():
     hosts = Hosts.of(Settings(host="127.8.8.8"))
-    hosts.refuse_foreign("GET", Headers({"host": "127.8.8.8:8000"}))
+    hosts.refuse_foreign("GET", {b"host": b"127.8.8.8:8000"})
     with pytest.raises(Problem):
-        hosts.refuse_foreign("GET", Headers({"host": "127.8.8.9:8000"}))
+        hosts.refuse_foreign("GET", {b"host": b"127.8.8.9:8000"})
 
 
 @pytest.mark.parametrize("origin", ["https://elsewhere.example", "http://localhost:3000", "null"])

@@ -102,6 +102,9 @@ def test_an_estimator_scores_pairs(asked: httpx.Client, dataset: sd.Dataset):
         ({"data": [1e300, 2, 3]}, 422),
         ({"data": [10**400, 2, 3]}, 422),
         ({"data": None}, 422),
+        ({"data": [True, 2, 3]}, 422),
+        ({"data": [[1.0, 2.0], [3.0]]}, 422),
+        ({"data": [[1.0, 2.0, 3.0], 4.0]}, 422),
         ({"parameters": {"binary_data_size": 12}}, 422),
     ],
 )
@@ -120,3 +123,13 @@ def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
 def test_an_unknown_model_or_version_is_not_found(name: str, asked: httpx.Client):
     assert asked.get(f"v2/models/{name}").status_code == 404
     assert asked.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
+
+
+@pytest.mark.parametrize("number", [2**63, 2**64 + 1, -(2**63) - 1, True, 1.0])
+def test_integers_are_not_wrapped(number: object, asked: httpx.Client):
+    inputs = [
+        {"name": "states", "shape": [1, 3], "datatype": "FP32", "data": [1, 2, 3]},
+        {"name": "actions", "shape": [1, 2], "datatype": "FP32", "data": [1, 2]},
+        {"name": "episode", "shape": [1], "datatype": "INT64", "data": [number]},
+    ]
+    assert asked.post("v2/models/drives.vae/infer", json={"inputs": inputs}).status_code == 422

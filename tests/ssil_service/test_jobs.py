@@ -117,6 +117,8 @@ def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
     for version in versions:
         other = http.post(RUNS, json={**body, "version": version}, headers=key)
         assert other.status_code == 409
+    assert http.delete("v1/datasets/drives").status_code == 204
+    assert http.post(RUNS, json=body, headers=key).json() == first
 
 
 def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):

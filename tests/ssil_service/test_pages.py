@@ -17,6 +17,9 @@ def test_what_the_client_has_is_not_sent_again(http: httpx.Client):
         again = http.get(path, headers={"If-None-Match": f'"other", {tag}'})
         assert (again.status_code, again.content) == (304, b"")
         assert http.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
+        assert http.get(path, headers={"If-None-Match": "*"}).status_code == 304
+        assert http.get(path, headers={"If-None-Match": '"*"'}).status_code == 200
+        assert http.head(path, headers={"If-None-Match": tag}).status_code == 304
 
 
 def test_leverage_is_asked_by_episode_and_steps_and_page(http: httpx.Client):

@@ -163,6 +163,19 @@ def test_compressed_arrow_buffers_are_refused_before_they_are_decompressed(asked
     assert answer.status_code == 415
 
 
+def test_a_stream_that_begins_with_another_message_is_refused(asked: httpx.Client):
+    table = pa.table({"state": rows_of_matrix(np.ones((4, 3), np.float32))})
+    content = encoded(table).to_pybytes()
+    schema = pa.ipc.read_message(content)
+    sink = pa.BufferOutputStream()
+    schema.serialize_to(sink)
+    rows = content[sink.tell() :]
+    for body in (rows, b"", content[: sink.tell()] * 2, rows + content):
+        answer = asked.post(LCOR, content=body, headers={"Content-Type": ARROW})
+        assert answer.status_code == 422
+    assert asked.post(LCOR, content=content, headers={"Content-Type": ARROW}).status_code == 200
+
+
 def test_more_rows_than_one_question_takes_are_refused(asked: httpx.Client):
     most = asked.get("v1/limits").json()["query_rows"]
     table = pa.table({"state": rows_of_matrix(np.zeros((most + 1, 3), np.float32))})
@@ -221,3 +234,46 @@ def test_names_cannot_leave_the_store(name: str, asked: httpx.Client):
 def test_a_method_that_a_path_has_not_gets_those_it_has(asked: httpx.Client):
     answer = asked.patch("v1/datasets/drives")
     assert (answer.status_code, answer.headers["allow"]) == (405, "DELETE, GET, HEAD, PUT")
+
+
+def test_unknown_parameters_are_named(asked: httpx.Client):
+    for path in ("v1/datasets", "v1/datasets/drives/pairs", "healthz", "v2/models/drives.vae"):
+        answer = asked.get(path, params={"ofset": 3, "limi": 1})
+        assert answer.status_code == 422
+        assert [fault["field"] for fault in answer.json()["errors"]] == ["ofset", "limi"]
+    answer = asked.post(LCOR, params={"contributers": 3}, json={"states": [[1, 2, 3]]})
+    assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "contributers")
+
+
+@pytest.mark.parametrize("option", ["tolerance", "relative", "seconds", "seed"])
+def test_sums_of_a_part_of_the_pairs_are_refused(option: str, asked: httpx.Client):
+    params = {"sums": True, option: 1}
+    answer = asked.post(LCOR, params=params, json={"states": [[1, 2, 3]]})
+    assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, option)
+
+
+def test_heads_are_told_without_bodies(asked: httpx.Client):
+    for path in ("healthz", "readyz", "v1/datasets/drives/pairs"):
+        told, whole = asked.head(path), asked.get(path)
+        assert (told.status_code, told.content) == (200, b"")
+        assert told.headers["content-length"] == str(len(whole.content))
+
+
+def test_odd_values_of_json_are_refused_by_place(asked: httpx.Client):
+    row = [0.5, 1, 2]
+    for states, places in (
+        ([row, [True, 1, 2]], [(1, 0)]),
+        ([row, ["1", 1, None]], [(1, 0), (1, 2)]),
+        ([row, [10**40, 1, -(10**400)]], [(1, 0), (1, 2)]),
+        ([row, 5, row, {}], [(1, None), (3, None)]),
+        ([], None),
+    ):
+        answer = asked.post(LCOR, json={"states": states})
+        faults = answer.json().get("errors")
+        found = faults and [(fault["row"], fault.get("column")) for fault in faults]
+        assert (answer.status_code, found) == (422 if places else 200, places)
+    pairs = {"states": [row] * 3, "actions": [[1, 2]] * 3, "step": [0, 1.0, 2]}
+    assert asked.post(SCORE, json=pairs).status_code == 200
+    for odd in ([0, True, 2], [0, 1.5, 2], [0, 2**63, 2]):
+        answer = asked.post(SCORE, json={**pairs, "step": odd})
+        assert (answer.status_code, answer.json()["errors"][0]["row"]) == (422, 1)

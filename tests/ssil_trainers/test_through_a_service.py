@@ -43,6 +43,7 @@ SETTINGS = TrainSettings(
     evaluations=2,
 )
 ITERATIONS = SETTINGS.iterations
+KEY = "reads-and-asks-only"
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +115,7 @@ def test_without_an_address_the_command_asks_a_service_inside(
     laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It leaves nothing in the store, needs no key, and may be missing."""
-    monkeypatch.setenv("SSIL_READ_KEY", "secret")
+    monkeypatch.setenv("SSIL_READ_KEY", KEY)
     monkeypatch.setenv("SSIL_STATE", str(tmp_path / "state"))
     before = sorted(Path(laid.folder.uri).iterdir())
     with asked(Place(laid.folder.uri), None) as store:
@@ -195,7 +196,7 @@ def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path)
     app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
     quick = Patience(first=0.001, longest=0.002, total=5.0)
-    with connect("http://embedded", transport=troubled, patience=quick) as store:
+    with connect("http://localhost", transport=troubled, patience=quick) as store:
         train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"))
     assert files(tmp_path / "cut") == expected
     assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
@@ -215,7 +216,7 @@ def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    gone = launched(laid.folder.uri)
+    gone = launched(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
     monkeypatch.setattr(serving, "AT_FIRST", 0.3)
     monkeypatch.setattr(serving, "LATER", 0.3)
     monkeypatch.setattr(command, "side_by_side", lambda env, count: Line(count))
@@ -236,12 +237,15 @@ def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
         return cut
 
     monkeypatch.setattr(command, "train_job", until(5))
+    assert "key:" in refusal(capsys, *words, "--service", gone.url)
+    monkeypatch.setenv(serving.KEY, KEY)
     told = refusal(capsys, *words, "--service", gone.url)
     assert "--resume goes on" in told and str(tmp_path / "out") in told
     told = refusal(capsys, *words, "--resume", "--service", gone.url)
     assert f"expected an answer from {gone.url}" in told
 
     monkeypatch.setattr(command, "train_job", real)
+    monkeypatch.delenv(serving.KEY)
     for folder, more in (("out", ["--resume"]), ("whole", [])):
         with pytest.raises(SystemExit) as left:
             main([str(w) for w in [*words[:-1], tmp_path / folder, "--service", server.url, *more]])

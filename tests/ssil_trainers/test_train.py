@@ -83,7 +83,10 @@ def test_train_then_evaluate_from_the_command_line(
 
 
 def test_a_film_has_a_frame_for_every_step(
-    pendulum: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pendulum: Dataset,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     imageio = pytest.importorskip("imageio.v2")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
@@ -95,6 +98,10 @@ def test_a_film_has_a_frame_for_every_step(
     with imageio.get_reader(film) as frames:
         assert frames.count_frames() == 200
         assert np.ptp(frames.get_data(10)) > 0
+    assert "film: 200 of 200" in capsys.readouterr().err
+    assert run("evaluate", tmp_path / "policy.safetensors", "--video", "one.gif") == 2
+    told = capsys.readouterr().err
+    assert "ending in .mp4, found one.gif" in told and "drive" not in told
 
 
 @pytest.mark.parametrize(
@@ -102,7 +109,8 @@ def test_a_film_has_a_frame_for_every_step(
     [
         (["ssil", "--dataset", "swings"], "ssil: expected --run"),
         (["gail", "--dataset", "swings", "--labels", "100"], "labels: expected 2 to 80"),
-        (["gail", "--dataset", "none"], "'none'"),
+        (["gail", "--dataset", "none"], "expected one of [swings]"),
+        (["ssil", "--dataset", "swings", "--run", "none"], "found 'none'"),
         (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
     ],
 )

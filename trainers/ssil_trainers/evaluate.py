@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ def evaluate(
     """
     if episodes < 1:
         raise InvalidInputError(f"episodes: expected at least 1, found {episodes}")
+    if video is not None and video.suffix != ".mp4":
+        raise InvalidInputError(f"video: expected a file name ending in .mp4, found {video}")
     driver = Policy.load(policy)
     task = env or driver.described["origin"]["env"]
     world = single(task)
@@ -53,9 +56,10 @@ def evaluate(
         for number in range(episodes):
             driven.append(drive(driver, world, seed=seed + number))
             report(f"drive {task}", number + 1, episodes)
+        if video is not None:
+            _, frames = driven[0]
+            film(driver, task, video, seed=seed, tell=lambda n: report("film", n, frames))
     world.close()
-    if video is not None:
-        film(driver, task, video, seed=seed)
     result = _summary(task, np.array(driven), driver.described.get("expert_return"))
     if json:
         print_json({**result, "returns": [total for total, _ in driven], "seed": seed})
@@ -79,17 +83,28 @@ def drive(
     return total, length
 
 
-def film(policy: Policy, task: str, path: Path, *, seed: int) -> None:
-    """Write one episode as an mp4 film; raises InvalidInputError if the task cannot be seen."""
+def film(
+    policy: Policy,
+    task: str,
+    path: Path,
+    *,
+    seed: int,
+    tell: Callable[[int], None] = lambda frames: None,
+) -> None:
+    """Write one episode as an mp4 film, telling how many frames it has so far."""
     import imageio.v2 as imageio
 
-    if path.suffix != ".mp4":
-        raise InvalidInputError(f"video: expected a file name ending in .mp4, found {path}")
     env = single(task, render_mode="rgb_array")
     rate = env.metadata.get("render_fps", 30)
     path.parent.mkdir(parents=True, exist_ok=True)
     with imageio.get_writer(path, fps=rate, macro_block_size=2) as frames:
-        drive(policy, env, seed=seed, picture=frames.append_data)  # pyright: ignore
+        numbers = count(1)
+
+        def picture(shown: NDArray[np.uint8]) -> None:
+            frames.append_data(shown)  # pyright: ignore[reportAttributeAccessIssue]
+            tell(next(numbers))
+
+        drive(policy, env, seed=seed, picture=picture)
     env.close()
 
 

@@ -84,8 +84,17 @@ def open_lessons(origin: Origin, method: str, place: Place) -> Iterator[Lessons]
     run, name = origin.run if row.takes_run else None, origin.dataset
     if origin.labels is not None:
         name = _with_labels(origin, run, place)
+    if origin.service is None:
+        _check_known(place, name, run)
     with asked(place, origin.service) as store:
         yield Lessons.of(store[name], run)
+
+
+def _check_known(place: Place, name: str, run: str | None) -> None:
+    """Refuse what is unknown in the store's words: a service does not say what else it has."""
+    dataset = place.open()[name]
+    if run is not None:
+        _ = dataset.runs[run]
 
 
 def _with_labels(origin: Origin, run: str | None, place: Place) -> str:

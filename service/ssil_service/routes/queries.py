@@ -27,6 +27,7 @@ from ssil_service.routes.parameters import (
     Version,
 )
 from ssil_service.schemas import PairsBody, StatesBody
+from ssil_service.shortcut import remembered
 
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
 
@@ -38,6 +39,7 @@ _PROBLEMS = problems(404, 406, 408, 409, 413, 415, 422)
     responses={**_PROBLEMS, 200: bulk(LCoRAnswer, SumsAnswer)},
     openapi_extra=bulk_body(StatesBody),
 )
+@remembered
 async def lcor(
     request: Request,
     dataset: DatasetName,
@@ -85,6 +87,7 @@ async def lcor(
 @router.post(
     "/cor", responses={**_PROBLEMS, 200: bulk(CoRAnswer)}, openapi_extra=bulk_body(StatesBody)
 )
+@remembered
 async def cor(
     request: Request,
     dataset: DatasetName,
@@ -109,6 +112,7 @@ async def cor(
 @router.post(
     "/score", responses={**_PROBLEMS, 200: bulk(ScoreAnswer)}, openapi_extra=bulk_body(PairsBody)
 )
+@remembered
 async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
     """Tell the uncertainty and leverage of pairs, seen before or not, by a run of any version."""
     media = wanted(request)
