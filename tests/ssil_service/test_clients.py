@@ -55,6 +55,8 @@ def test_a_head_that_drips_is_dropped_in_time(raw: Raw):
     connection, begin = raw(), time.monotonic()
     connection.settimeout(0.05)
     for letter in HEAD * 10:
+        if time.monotonic() - begin > 5:
+            break
         try:
             connection.sendall(letter.encode())
             if connection.recv(10) == b"":
@@ -110,6 +112,7 @@ def test_a_client_that_reads_slowly_but_steadily_gets_everything(raw: Raw):
 def test_connections_beyond_the_limit_are_closed_at_once(server: Server, raw: Raw):
     held = [raw() for _ in range(60)]
     late = raw()
+    late.settimeout(0.5)  # sooner than a silent one is dropped
     assert late.recv(10) == b""
     for connection in held:
         connection.close()

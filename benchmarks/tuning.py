@@ -1,0 +1,269 @@
+"""Which settings serve every method, and where do unlabeled pairs pay?
+
+`python benchmarks/tuning.py knobs` changes one setting at a time, for every method alike;
+`python benchmarks/tuning.py pays` goes through the places where leverage may be worth something.
+Scores are those of the learning curve: the mean action on the twin, or on Pendulum-v1 itself. Rows
+are appended to a CSV as they are made, and those it has are not made again. One core.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ |= {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}  # before NumPy and numba load
+
+import csv
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import cyclopts
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+from ssil_trainers.experiments.lessons import Fit, labeled_dataset, working_copy
+from ssil_trainers.experiments.statistics import Curve
+from ssil_trainers.labels import expert_return
+from ssil_trainers.methods import METHODS, Demonstrations
+from ssil_trainers.settings import TrainSettings
+from ssil_trainers.tasks import side_by_side
+from ssil_trainers.training import Job, train
+
+import ssil_data as sd
+from ssil_data.demonstrations import Episode
+
+DATASETS = Path(__file__).parents[1] / "datasets"
+LABELED, CUT = 6, 2.0
+"""Pendulum: labeled trajectories of the expert; the torque that the environment cuts off at."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is learned where; `full` is the score of 1, None for the expert's mean return."""
+
+    dataset: str
+    env: str
+    labels: int | None = None
+    steps: int = 61_440
+    evaluate_every: int = 3
+    full: float | None = None
+    pretrained: bool = False
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run; `changed` is the settings that are not the default, as JSON."""
+
+    problem: str
+    method: str
+    changed: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of it: mean height of the curve, steps to .9, last score and that of three."""
+
+    area: float
+    steps_to_90: int | None
+    final: float
+    last_three: float
+
+
+PROBLEMS: Mapping[str, Problem] = {
+    **{f"racetrack, {n} labels": Problem("racetrack", "racetrack", n) for n in (20, 50, 100, 300)},
+    "racetrack, 50 labels, little driving": Problem(
+        "racetrack", "racetrack", 50, 16_384, 1, pretrained=True
+    ),
+    "large track, 100 labels": Problem("racetrack", "racetrack?track=large", 100),
+    "oval track, 100 labels": Problem("racetrack", "racetrack?track=oval", 100),
+    "5 Hz, 100 labels": Problem("racetrack", "racetrack?policy_hz=5", 100),
+    "RC car": Problem("rc-lidar", "rc-lidar", None, 16_384, 1, 400.0, pretrained=True),
+    "RC car, 100 labels": Problem("rc-lidar", "rc-lidar", 100, 16_384, 1, 400.0, pretrained=True),
+    "pendulum": Problem("pendulum", "Pendulum-v1", None, 122_880, 4, 1.0),
+}
+TUNED = ("racetrack, 100 labels", "pendulum")
+FOUR = ("gail-mixed", "gail", "mixgail", "ssil")
+SHAPED = ("mixgail", "ssil")
+KNOBS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
+    ({}, FOUR),
+    *(({"discriminator_rate": rate}, FOUR) for rate in (2e-4, 3e-4, 1e-3)),
+    ({"kl": 0.02}, FOUR),
+    ({"kl": 0.02, "discriminator_rate": 1e-3}, FOUR),
+    ({"gradient_penalty": 0.1, "discriminator_rate": 1e-3}, FOUR),
+    *(({"discriminator_steps": steps}, FOUR) for steps in (5, 20)),
+    *(({"entropy": weight}, FOUR) for weight in (0.0, 0.01)),
+    ({"centred": False}, SHAPED),
+    *(({"eta": weight}, SHAPED) for weight in (0.3, 3.0)),
+)
+AROUND = {"discriminator_rate": 5e-4}
+"""What the default was when its knobs were turned."""
+
+
+def questions(which: str, problems: tuple[str, ...], seeds: int) -> Iterator[Run]:
+    """Go through the runs of a question, a setting after another."""
+    every = tuple(name for name in METHODS if name != "constant")
+    knobs = tuple(({**AROUND, **changed}, methods) for changed, methods in KNOBS)
+    table, there = (knobs, TUNED) if which == "knobs" else ((({}, every),), tuple(PROBLEMS))
+    for changed, methods in table:
+        for problem in problems or there:
+            for seed in range(seeds):
+                for method in methods:
+                    yield Run(problem, method, json.dumps(changed, sort_keys=True), seed)
+
+
+def pendulum(folder: Path) -> Iterator[Episode]:
+    """Read demonstrations of Pendulum-v0 as VILD published them: its expert's first, ten levels.
+
+    A row of theirs holds the state after its action, in half-widths: the pair is (s_t, 2 a_t+1).
+    """
+    import h5py
+
+    for path in sorted(folder.glob("*.h5")):
+        with h5py.File(path) as file:
+            keys = ("expert_states", "expert_actions", "expert_masks")
+            states, actions, masks = (np.asarray(file[key]) for key in keys)
+        ends = np.flatnonzero(masks == 0) + 1
+        labeled = path.stem.endswith("normal0.00")
+        for end in ends[:LABELED] if labeled else ends:
+            start = end - int(ends[0])
+            yield Episode(
+                states[start : end - 1].astype(np.float32),
+                np.clip(CUT * actions[start + 1 : end], -CUT, CUT).astype(np.float32),
+                labeled=labeled,
+                source=f"{path.stem}, row {start}",
+            )
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where copies of the demonstrations and their scoring runs are kept."""
+
+    work: Path
+    vild: Path | None
+
+    @cache  # noqa: B019  lives as long as the script
+    def lessons(self, problem: Problem, seed: int) -> tuple[Demonstrations, float]:
+        """Return the demonstrations with the leverage of a windowVAE, and the score of 1."""
+        store = self._store(problem.dataset)
+        name = labeled_dataset(store, problem.dataset, problem.labels)
+        fit = Fit.of(store.folder.uri, name, "windowvae", "default", seed)
+        fit()
+        dataset = store[name]
+        pairs, full = dataset.pairs(), problem.full or expert_return(dataset)
+        assert full is not None
+        return Demonstrations(
+            pairs.states,
+            pairs.actions,
+            dataset.per_pair("labeled").astype(bool),
+            np.asarray(dataset.leverage(fit.run)),
+            dataset.field(fit.run, threads=1),
+        ), full
+
+    def _store(self, name: str) -> sd.Store:
+        if name != "pendulum":
+            return working_copy(sd.Store(DATASETS), name, self.work)
+        store = sd.Store(self.work / name)
+        if name not in store:
+            if self.vild is None:
+                raise SystemExit("pendulum: expected --vild, the folder of VILD's Pendulum-v0")
+            of_state, of_action = ["cos", "sin", "speed"], ["torque"]
+            episodes = pendulum(self.vild)
+            store.create(name, episodes, state_names=of_state, action_names=of_action)
+        return store
+
+    def __call__(self, run: Run) -> Found:
+        """Do one run."""
+        problem = PROBLEMS[run.problem]
+        demonstrations, full = self.lessons(problem, run.seed)
+        given = TrainSettings(
+            seed=run.seed,
+            steps=problem.steps,
+            evaluate_every=problem.evaluate_every,
+            pretrained=problem.pretrained,
+        )
+        settings = replace(given, **json.loads(run.changed))
+
+        def worlds(count: int) -> VectorEnv[Any, Any, Any]:
+            return side_by_side(problem.env, count)
+
+        job = Job(run.method, settings, demonstrations, worlds, {}, full)
+        seen = [m for m in train(job).curve if m.evaluation is not None]
+        scores = [m.evaluation.score or 0.0 for m in seen if m.evaluation is not None]
+        curve = Curve(tuple(m.steps for m in seen), tuple(scores))
+        reached = curve.steps_to(0.9 if problem.full != 1.0 else -200.0)
+        return Found(curve.area, reached, scores[-1], float(np.mean(scores[-3:])))
+
+
+def kept(path: Path) -> dict[Run, Found]:
+    """Read the rows that were made before."""
+    if not path.exists():
+        return {}
+    with path.open() as file:
+        return {
+            Run(row["problem"], row["method"], row["changed"], int(row["seed"])): Found(
+                float(row["area"]),
+                int(row["steps_to_90"]) if row["steps_to_90"] else None,
+                float(row["final"]),
+                float(row["last_three"]),
+            )
+            for row in csv.DictReader(file)
+        }
+
+
+def keep(path: Path, run: Run, found: Found) -> None:
+    """Append a row."""
+    row, fresh = {**asdict(run), **asdict(found)}, not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        if fresh:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def print_table(rows: Mapping[Run, Found]) -> None:
+    """Print a line for each problem, change and method: means over seeds, and the worst."""
+    groups: dict[tuple[str, str, str], list[Found]] = defaultdict(list)
+    for run, found in rows.items():
+        groups[run.problem, run.changed, run.method].append(found)
+    print(f"{'':>66}{'seeds':>6}{'area':>9}{'to 90 %':>9}{'last three':>11}{'worst':>9}")
+    for names, found in groups.items():
+        steps = float(np.median([f.steps_to_90 or np.inf for f in found]))
+        area, last = np.mean([f.area for f in found]), [f.last_three for f in found]
+        reached = f"{steps:,.0f}" if np.isfinite(steps) else "–"
+        print(
+            f"{names[0]:>24}{names[1]:>28}{names[2]:>14}{len(found):>6}"
+            f"{area:>9.3f}{reached:>9}{np.mean(last):>11.3f}{min(last):>9.3f}"
+        )
+
+
+def main(
+    question: Literal["knobs", "pays"],
+    /,
+    *,
+    problems: tuple[str, ...] = (),
+    seeds: int = 3,
+    output: Path | None = None,
+    work: Path = Path("build/tuning"),
+    vild: Path | None = None,
+) -> None:
+    """Do what is not done and print it all."""
+    torch.set_num_threads(1)
+    path = output or work / f"{question}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    bench, done = Bench(work, vild), kept(path)
+    wanted = list(questions(question, problems, seeds))
+    for run in wanted:
+        if run not in done:
+            done[run] = bench(run)
+            keep(path, run, done[run])
+            print(f"{run.problem}, {run.method} {run.changed} {run.seed}: {done[run].area:.3f}")
+    print_table({run: done[run] for run in wanted})
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
