@@ -46,7 +46,7 @@ def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
 
 
 @pytest.mark.parametrize(
-    "method", ["gail", "gail-mixed", "mixgail", "ssil", "clone", "clone-leverage"]
+    "method", ["gail", "gail-mixed", "mixgail", "ssil", "ssil-leverage", "clone", "clone-leverage"]
 )
 def test_every_method_solves_the_toy(method: str) -> None:
     assert mean_return(trained(method).policy) > -4

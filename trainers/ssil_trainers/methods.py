@@ -150,9 +150,12 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "gail-mixed": Method(everything),
         "mixgail": Method(labeled, cor),
         "ssil": Method(labeled, lcor),
+        "gail-leverage": Method(by_leverage),
+        "ssil-leverage": Method(by_leverage, lcor),
         "shuffled": Method(labeled, lcor_shuffled),
         "constant": Method(labeled, fixed=_CONSTANT),
         "clone": Method(labeled, fixed=_CLONED),
+        "clone-mixed": Method(everything, fixed=_CLONED),
         "clone-leverage": Method(by_leverage, fixed=_CLONED),
     }
 )

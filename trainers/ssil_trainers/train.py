@@ -20,7 +20,17 @@ from ssil_trainers.training import CHECKPOINT, POLICY, Job, Seen, Trained
 from ssil_trainers.training import train as train_job
 
 Name = Literal[
-    "gail", "gail-mixed", "mixgail", "ssil", "shuffled", "constant", "clone", "clone-leverage"
+    "gail",
+    "gail-mixed",
+    "gail-leverage",
+    "mixgail",
+    "ssil",
+    "ssil-leverage",
+    "shuffled",
+    "constant",
+    "clone",
+    "clone-mixed",
+    "clone-leverage",
 ]
 
 

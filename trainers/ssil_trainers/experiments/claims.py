@@ -10,7 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssil_trainers.experiments.ledger import Claim, Exceeds, Rises, Steadier
-from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR, TRAINING_TABLES
+from ssil_trainers.experiments.protocol import (
+    FEW_LABELS,
+    RACETRACK,
+    RC_LIDAR,
+    RC_LIDAR_TIGHT,
+)
 
 _TITLES = {
     "gail-mixed": "GAIL (mixed)",
@@ -23,6 +28,10 @@ _TITLES = {
     "shuffled-windowvae": "SSIL with shuffled leverage",
     "constant": "a constant reward",
     "clone": "behaviour cloning",
+    "gail-leverage-windowvae": "GAIL of all by leverage",
+    "ssil-leverage-windowvae": "SSIL of all by leverage",
+    "clone-mixed": "cloning of all",
+    "clone-leverage-windowvae": "cloning of all by leverage",
 }
 _SWAPPED = "the text gives 87.8 % and 98.3 % the wrong way round; by its table it is {}"
 _FEW = "three seeds cannot decide it: one resample in nine draws the same seed three times"
@@ -90,6 +99,15 @@ _RC_STEADIER = [
     ("gail", "ssil-mdn"),
     ("mixgail", "gail"),
 ]
+_BY_LEVERAGE = [
+    ("clone-leverage-windowvae", "clone"),
+    ("clone-leverage-windowvae", "clone-mixed"),
+    ("gail-leverage-windowvae", "gail"),
+    ("gail-leverage-windowvae", "gail-mixed"),
+    ("gail-leverage-windowvae", "clone-leverage-windowvae"),
+    ("ssil-leverage-windowvae", "gail-leverage-windowvae"),
+    ("ssil-windowvae", "gail"),
+]
 
 
 def claims() -> Iterator[Claim]:
@@ -115,7 +133,7 @@ def claims() -> Iterator[Claim]:
 
 def controls() -> Iterator[Claim]:
     """Go through what the paper does not ask: does leverage, or learning at all, add anything?"""
-    for table in TRAINING_TABLES:
+    for table in (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT):
         for labels in table.labels:
             name = f"RC car, {table.budget:,} steps" if labels is None else f"{labels:,} labels"
             for better, worse in (
@@ -126,6 +144,11 @@ def controls() -> Iterator[Claim]:
             ):
                 rule = Exceeds(table.name, labels, better, worse)
                 yield Claim(f"{name}: {_sentence(rule)}", "control", rule)
+    for labels in FEW_LABELS.labels:
+        for better, worse in _BY_LEVERAGE:
+            rule = Exceeds(FEW_LABELS.name, labels, better, worse)
+            name = f"{labels:,} labels, {FEW_LABELS.budget:,} steps after cloning"
+            yield Claim(f"{name}: {_sentence(rule)}", "few labels", rule)
 
 
 def _steadier_than_gail(where: str) -> Iterator[Claim]:

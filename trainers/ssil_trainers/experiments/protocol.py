@@ -116,6 +116,30 @@ RC_LIDAR_TIGHT = replace(
 )
 """Survival is the score and any reward pays for it, a constant one too: given time, all survive."""
 
-TRAINING_TABLES = (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT)
+FEW_LABELS = Table(
+    name="few-labels",
+    title="Table IV, not in the paper: few labels, little driving",
+    dataset="racetrack",
+    train_on="racetrack",
+    tests=("racetrack",),
+    labels=(50, 100),
+    rows=(
+        Row("gail-mixed", "GAIL, mixed"),
+        Row("gail", "GAIL, labeled"),
+        Row("mixgail", "MixGAIL"),
+        Row("ssil", "SSIL", SHARED_RUN),
+        Row("gail-leverage", "GAIL, all by leverage", SHARED_RUN),
+        Row("ssil-leverage", "SSIL, all by leverage", SHARED_RUN),
+        Row("clone-mixed", "cloning of all"),
+        Row("clone", "behaviour cloning"),
+        Row("clone-leverage", "cloning of all by leverage", SHARED_RUN),
+    ),
+    budget=16_384,
+    evaluate_every=1,
+    pretrained=True,
+)
+"""Eight iterations after cloning: where unlabeled pairs, imitated by their leverage, pay."""
+
+TRAINING_TABLES = (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT, FEW_LABELS)
 LEVERAGE = "leverage"
 LEVERAGE_PRESETS = ("paper", "default")
