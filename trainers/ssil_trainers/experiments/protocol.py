@@ -8,7 +8,7 @@ from ssil_trainers.settings import TrainSettings
 
 ESTIMATORS = ("gpr", "mdn", "vae", "windowvae")
 SHARED_RUN = "windowvae"
-"""Whose leverage the control shuffles, and whose α MixGAIL's CoR takes: α is every run's alike."""
+"""Whose leverage the controls shuffle, and imitation is weighted by."""
 
 
 @dataclass(frozen=True)
