@@ -21,7 +21,10 @@ _FAULTS = {
     "TimeoutError": (413, "body: expected a file that is read soon, found one that takes too long"),
 }
 _OWN = (500, "service: expected an answer, found a fault of its own")
-_LEAVING = (503, "service: expected time for an answer, found it shutting down")
+_LATER = {
+    "ShutdownError": "service: expected time for an answer, found it shutting down",
+    "StartError": "service: expected a process to decode in, found none that could be started",
+}
 
 
 class Decoder:
@@ -86,9 +89,8 @@ class Decoder:
                 if error.kind == "CrashError" and not read and not last:
                     told("retried", level=30, task=task)
                     continue
-                if error.kind == "ShutdownError":
-                    status, detail = _LEAVING
-                    raise busy(status, detail, 1) from None
+                if error.kind in _LATER:
+                    raise busy(503, _LATER[error.kind], 1) from None
                 blame = _FAULTS.get(error.kind, _OWN)
                 raise Problem(*(_OWN if read else blame)) from None
         raise AssertionError("the second time returns or raises")

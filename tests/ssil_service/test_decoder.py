@@ -56,6 +56,7 @@ def test_one_crash_is_no_proof_against_a_body(tmp_path: Path):
         (["TimeoutError"], None, 413),
         (["MemoryError"], None, 413),
         (["InternalError"], None, 500),
+        (["StartError"], None, 503),
         (["CrashError"], READ, 500),
         (["TimeoutError"], READ, 500),
         (["MemoryError"], READ, 500),
