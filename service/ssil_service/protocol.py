@@ -15,6 +15,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from ssil_service.exchange import ABORT
 from ssil_service.logs import told
 from ssil_service.problems import PROBLEM, Problem
+from ssil_service.transport import Gathered
 
 
 def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol]:
@@ -31,6 +32,7 @@ def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol
         _deaf: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
+            transport = Gathered(transport, self.loop)
             super().connection_made(transport)
             self.app_state = {**self.app_state, ABORT: transport.abort}
             if len(self.connections) > connections:
