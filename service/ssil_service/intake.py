@@ -24,6 +24,7 @@ from ssil_service.cells import (
     rows_of_json,
 )
 from ssil_service.context import context
+from ssil_service.forms import Forms
 from ssil_service.problems import SHOWN, Fault, Problem, of_validation
 from ssil_service.schemas import PairsBody, StatesBody
 from ssil_service.streams import read_stream
@@ -33,6 +34,7 @@ Answer = TypeVar("Answer")
 RUN_BYTES = 65_536
 """Largest body that asks for a run: settings, and nothing else."""
 _INLINE = 2**16
+_FORMS = Forms()
 _LISTS = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
 
 
@@ -54,8 +56,12 @@ async def states_body(request: Request, width: int) -> NDArray[np.float32]:
     def read() -> NDArray[np.float32]:
         if media == JSON:
             return rows_of_json("states", _fields(body, StatesBody, most)["states"], width)
-        table = _table(body, most, "state")
-        return checked("state", matrix_of_column(table, "state", width), width)
+        known = _FORMS.numbers(body, width, most)
+        if known is not None:
+            return checked("state", known, width)
+        matrix = matrix_of_column(_table(body, most, "state"), "state", width)
+        _FORMS.learn(body, matrix, width, most)
+        return checked("state", matrix, width)
 
     return await off_loop(len(body), read)
 
