@@ -124,7 +124,7 @@ class TrainSettings:
     critic_rate: float = 1e-3
     discriminator_steps: int = 10
     discriminator_batch: int = 256
-    discriminator_rate: float = 1e-3
+    discriminator_rate: float = 5e-4
     gradient_penalty: float = 0.0
     spectral_norm: bool = False
     eta: float = 1.0
