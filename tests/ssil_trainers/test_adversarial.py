@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from ssil_trainers.adversarial import Learner, decayed
 from ssil_trainers.methods import METHODS
-from ssil_trainers.rollout import Driver
+from ssil_trainers.rollout import Driver, Rollout
 from ssil_trainers.settings import TrainSettings
 from ssil_trainers.training import Job, Trained, train
+from ssil_trainers.trpo import Step, TrustRegion
 from toy import STEPS, Line, demonstrations, expert, mean_return
 
 TOY = TrainSettings(
@@ -47,14 +51,40 @@ def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
 
 
 @pytest.mark.parametrize(
-    "method", ["gail", "gail-mixed", "mixgail", "ssil", "ssil-leverage", "clone", "clone-leverage"]
+    "method",
+    [
+        "gail",
+        "gail-mixed",
+        "gail-leverage",
+        "mixgail",
+        "ssil",
+        "ssil-leverage",
+        "shuffled",
+        "clone",
+        "clone-leverage",
+    ],
 )
 def test_every_method_solves_the_toy(method: str) -> None:
     assert mean_return(trained(method).policy) > -4
 
 
-def test_a_constant_reward_teaches_nothing() -> None:
-    assert mean_return(trained("constant").policy) < -7
+def test_cloning_everybody_goes_astray_with_the_lost() -> None:
+    assert mean_return(trained("clone-mixed").policy) < -7
+
+
+def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
+    """Whether experts go to the goal or away from it, the policy is the same."""
+    of, settings = demonstrations(), replace(TOY, steps=10 * 16 * STEPS)
+    curves, weights = [], []
+    for actions in (of.actions, -of.actions):
+        job = Job("constant", settings, replace(of, actions=actions), Line, {})
+        result = train(job)
+        curves.append([moment.iteration for moment in result.curve if moment.iteration])
+        weights.append(result.policy.layers[0][0])
+    assert curves[0] == curves[1]
+    np.testing.assert_array_equal(*weights)
+    for iteration in curves[0]:
+        assert iteration.discriminator_reward == pytest.approx(np.log(2))
 
 
 @pytest.mark.parametrize(
@@ -100,6 +130,85 @@ def test_eta_decays_when_the_discriminators_value_rises_more(
     rise_d: float, rise_c: float, expected: float
 ) -> None:
     assert decayed(0.5, 0.9, rise_d=rise_d, rise_c=rise_c) == pytest.approx(expected)
+
+
+class Ends(Line):
+    """Every other episode really ends, the others run out of time."""
+
+    def step(self, actions: np.ndarray) -> tuple[Any, ...]:
+        state, reward, _, over, info = super().step(actions)
+        real = over & (np.arange(self.num_envs) % 2 == 0)
+        return state, reward, real, over & ~real, info
+
+
+def test_the_policy_steps_by_both_advantages_as_computed_by_hand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A = A_D + η A_C; D sees clipped actions, the policy those it drew; a time limit is no end."""
+    settings = replace(
+        TOY,
+        environments=4,
+        horizon=STEPS + 7,
+        eta=0.4,
+        eta_decay=1.0,
+        gae_lambda=0.6,
+        log_sigma=0.0,
+    )
+    learner = learner_of("ssil", settings, Ends)
+    learner.iterate()
+    critics, roll, rollouts, steps = deepcopy(learner.critics), learner.driver.roll, [], []
+
+    def rolled(*of: Any) -> Rollout:
+        rollouts.append(roll(*of))
+        return rollouts[-1]
+
+    def stepped(region: TrustRegion, *of: Any) -> Step:
+        steps.append(of)
+        return Step(0.0, taken=False)
+
+    monkeypatch.setattr(learner.driver, "roll", rolled)
+    monkeypatch.setattr(TrustRegion, "step", stepped)
+    learner.iterate()
+    (rollout,), ((_, _, actions, advantage),) = rollouts, steps
+    assert rollout.terminated.any() and (rollout.ended & ~rollout.terminated).any()
+    assert (rollout.actions != rollout.drawn).mean() > 0.1
+
+    with torch.no_grad():
+        seen = [learner._seen(states) for states in (rollout.states, rollout.next_states)]
+        clipped = torch.from_numpy(rollout.drawn.reshape(-1, 1).clip(-1, 1))
+        paid_d = learner.discriminator.reward(torch.cat([seen[0], clipped], dim=1)).numpy()
+        values, next_values = (critics(states).numpy() for states in seen)
+    paid_c = learner.shaping(rollout.states.reshape(-1, 2))
+    both = [
+        by_hand(rollout, *of, discount=settings.discount, gae_lambda=settings.gae_lambda)
+        for of in zip((paid_d, paid_c), values, next_values, strict=True)
+    ]
+    expected = both[0] + 0.4 * both[1]
+    expected = ((expected - expected.mean()) / expected.std()).ravel()
+    np.testing.assert_allclose(advantage.numpy(), expected, rtol=1e-3, atol=1e-4)
+    np.testing.assert_array_equal(actions.numpy(), rollout.drawn.reshape(-1, 1))
+
+
+def by_hand(
+    rollout: Rollout, *of_rows: np.ndarray, discount: float, gae_lambda: float
+) -> np.ndarray:
+    """Advantages (T, N) of rewards, values and next values (T · N,), one row after the other."""
+    shape = rollout.ended.shape
+    rewards, values, next_values = (part.reshape(shape) for part in of_rows)
+    result = np.zeros(shape)
+    for n in range(shape[1]):
+        later = 0.0
+        for t in reversed(range(shape[0])):
+            afterwards = 0.0 if rollout.terminated[t, n] else next_values[t, n]
+            later = 0.0 if rollout.ended[t, n] else later
+            later = (
+                rewards[t, n]
+                + discount * afterwards
+                - values[t, n]
+                + (discount * gae_lambda * later)
+            )
+            result[t, n] = later
+    return result
 
 
 def test_eta_follows_the_rule_in_the_loop() -> None:

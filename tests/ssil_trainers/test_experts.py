@@ -53,20 +53,32 @@ def test_unequal_lengths_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("method", "pairs"),
-    [("gail", 300), ("gail-mixed", 1500), ("mixgail", 300), ("ssil", 300), ("clone", 300)],
+    [
+        ("gail", 300),
+        ("gail-mixed", 1500),
+        ("mixgail", 300),
+        ("ssil", 300),
+        ("shuffled", 300),
+        ("constant", 300),
+        ("clone", 300),
+        ("clone-mixed", 1500),
+    ],
 )
 def test_experts_are_the_labeled_pairs_unless_everything_is_taken(method: str, pairs: int) -> None:
     of = demonstrations()
     experts = METHODS[method].imitated(of, BOX, of.standardiser)
     assert len(experts.states) == pairs
+    np.testing.assert_array_equal(experts.weight, np.ones(pairs))
     np.testing.assert_array_equal(experts.states, of.standardiser(of.states[:pairs]))
     np.testing.assert_allclose(experts.actions, np.clip(of.actions[:pairs], -2, 2) / 2, atol=1e-6)
 
 
-def test_leverage_is_the_weight_of_leverage_weighted_cloning() -> None:
+@pytest.mark.parametrize("method", ["gail-leverage", "ssil-leverage", "clone-leverage"])
+def test_leverage_is_the_weight_where_everything_is_taken_by_leverage(method: str) -> None:
     of = demonstrations()
-    experts = METHODS["clone-leverage"].imitated(of, BOX, of.standardiser)
+    experts = METHODS[method].imitated(of, BOX, of.standardiser)
     np.testing.assert_array_equal(experts.weight, of.leverage)
+    np.testing.assert_array_equal(experts.states, of.standardiser(of.states))
 
 
 def test_methods_differ_by_the_shaping() -> None:

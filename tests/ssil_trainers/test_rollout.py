@@ -107,3 +107,52 @@ def test_spaces_that_are_no_boxes_of_one_row_are_refused() -> None:
         )
         with pytest.raises(InvalidInputError, match=f"{name} space: expected a Box of one row"):
             Driver(envs)
+
+
+class Broken(Counter):
+    """A counter whose state, last state or reward is not finite from the second step on."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(3, terminates=True)
+        self.what = what
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
+        state, reward, terminated, truncated, info = super().step(action)
+        if (self.what == "state" and self.steps == 2) or (self.what == "last" and terminated):
+            state = state * np.nan
+        return state, np.inf if self.what == "reward" else reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize("what", ["state", "last", "reward"])
+def test_what_is_not_finite_is_refused_at_once(what: str) -> None:
+    def envs() -> SyncVectorEnv:
+        makers = [lambda: Counter(3, terminates=True), lambda: Broken(what)]
+        return SyncVectorEnv(makers, autoreset_mode=AutoresetMode.SAME_STEP)
+
+    driven = envs()
+    driver = Driver(driven)
+    driver.reset(seed=1)
+    noise = np.zeros((9, 2, 1), np.float32)
+    if what == "reward":
+        assert driver.roll(still(driven), noise).ended.any()
+    else:
+        with pytest.raises(
+            InvalidInputError, match=r"environment: expected finite states, found nan"
+        ):
+            driver.roll(still(driven), noise)
+        assert driven.get_attr("steps")[0] == (2 if what == "state" else 0)
+    if what != "last":
+        with pytest.raises(InvalidInputError, match=f"expected finite {what}s, found (nan|inf)"):
+            returns(still(envs()), envs(), seed=1)
+
+
+def test_a_start_that_is_not_finite_is_refused() -> None:
+    class Nowhere(Counter):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            return np.full(1, np.nan, np.float32), {}
+
+    envs = SyncVectorEnv(
+        [lambda: Nowhere(3, terminates=True)], autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    with pytest.raises(InvalidInputError, match="expected finite states, found nan"):
+        Driver(envs).reset(seed=1)

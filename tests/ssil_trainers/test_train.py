@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
+from ssil_trainers import train as command
 from ssil_trainers.curve import Evaluation, Moment
 from ssil_trainers.evaluate import drive as drive_by
 from ssil_trainers.labels import expert_return, scored_like, with_labels
+from ssil_trainers.methods import METHODS
 from ssil_trainers.policy import Policy
 from ssil_trainers.screen import events
+from ssil_trainers.settings import PAPER
 from ssil_trainers.tasks import TASKS, side_by_side, single, spec_of
 
 from ssil_data.cli import main
+from ssil_data.commands import serving
+from ssil_data.commands.output import Place
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
-from ssil_data.errors import InvalidInputError, NotFoundError
+from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.scoring import score
 from ssil_data.store import Store
 
@@ -80,6 +87,75 @@ def test_train_then_evaluate_from_the_command_line(
     assert len(told["returns"]) == 2 and told["return"] == np.mean(told["returns"])
     env = single("Pendulum-v1")
     assert told["returns"][1] == drive_by(Policy.load(policy), env, seed=4)[0]
+
+
+def test_the_preset_paper_is_trained_by_and_settings_beside_it_hold(
+    pendulum: Dataset, tmp_path: Path
+) -> None:
+    train = ["train", "gail", "--env", "Pendulum-v1", "--dataset", "swings", *SHORT]
+    for preset in ("default", "paper"):
+        assert run(*train, "--preset", preset, "--kl", "0.02", "-o", tmp_path / preset) == 0
+    default, paper = (
+        Policy.load(tmp_path / preset / "policy.safetensors").described["settings"]
+        for preset in ("default", "paper")
+    )
+    assert paper == {**default, **PAPER} != default
+    assert paper["gae_lambda"] == 0 and paper["kl"] == 0.02
+
+
+def test_resuming_without_a_checkpoint_says_that_it_begins(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    train = ["train", "clone", "--env", "Pendulum-v1", "--dataset", "swings", "--resume"]
+    told = []
+    for _ in range(2):
+        assert run(*train, *SHORT, "-o", tmp_path / "out") == 0
+        told.append(capsys.readouterr().err)
+    assert "No checkpoint in" in told[0] and "begins anew" in told[0]
+    assert "No checkpoint" not in told[1]
+
+
+def test_an_environment_without_finite_states_is_refused_in_one_line(
+    pendulum: Dataset,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from gymnasium.envs.classic_control.pendulum import PendulumEnv
+
+    monkeypatch.setattr(PendulumEnv, "_get_obs", lambda self: np.full(3, np.nan, np.float32))
+    train = ["train", "gail", "--env", "Pendulum-v1", "--dataset", "swings"]
+    with pytest.warns(UserWarning):
+        assert run(*train, *SHORT, "-o", tmp_path / "out") == 2
+    assert "environment: expected finite states, found nan" in capsys.readouterr().err
+
+
+def test_the_help_describes_every_method() -> None:
+    described = inspect.getdoc(command.train) or ""
+    words = described.partition("method:")[2].partition("env:")[0]
+    assert set(METHODS) <= set(re.findall(r"[\w-]+", words))
+
+
+@pytest.mark.parametrize("missing", ["ssil_service", "fastapi", "uvicorn"])
+def test_without_the_service_the_store_is_read(
+    pendulum: Dataset, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    monkeypatch.setattr(serving, "import_module", lambda name: raise_missing(missing))
+    with serving.asked(Place(), None) as store:
+        assert isinstance(store, Store)
+
+
+@pytest.mark.parametrize("missing", ["ssil_service.inprocess", "pyarrow"])
+def test_a_service_that_is_broken_is_not_taken_for_none(
+    pendulum: Dataset, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    monkeypatch.setattr(serving, "import_module", lambda name: raise_missing(missing))
+    with pytest.raises(ModuleNotFoundError, match=missing), serving.asked(Place(), None):
+        pass
+
+
+def raise_missing(name: str) -> None:
+    raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
 def test_a_film_has_a_frame_for_every_step(
@@ -185,6 +261,27 @@ def test_fewer_labels_are_the_first_and_the_unlabeled_stay(store: Store, dataset
     assert with_labels(store, "drives", 80).version == fewer.version
     assert with_labels(store, "drives", 60).episodes["length"].to_pylist()[:2] == [60, 50]
     assert with_labels(store, "drives", 120).name == "drives"
+
+
+def test_fewer_labels_of_another_version_are_made_anew(store: Store, dataset: Dataset) -> None:
+    before = with_labels(store, "drives", 80)
+    appended = dataset.append([drive(9, 30)])
+    after = with_labels(store, "drives", 80)
+    assert after.name != before.name
+    assert len(after.pairs().states) == len(before.pairs().states) + 30
+    assert before.name.endswith(dataset.version) and after.name.endswith(appended.version)
+
+
+def test_a_run_on_fewer_labels_that_was_made_otherwise_is_refused(
+    store: Store, dataset: Dataset
+) -> None:
+    from ssil_data.estimators import VAE
+
+    fewer = with_labels(store, "drives", 80)
+    score(dataset, VAE(steps=20), seed=3, run="vae")
+    score(fewer, VAE(steps=20), seed=4, run="vae")
+    with pytest.raises(ConflictError, match=r"run 'vae' of drives-80.*expected seed 3.*found 4"):
+        scored_like(fewer, dataset, "vae", lambda what, done, of: None)
 
 
 def test_a_run_on_fewer_labels_is_made_as_the_one_on_all(store: Store, dataset: Dataset) -> None:

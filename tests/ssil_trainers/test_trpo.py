@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -96,6 +98,22 @@ def test_a_step_that_cannot_improve_is_not_taken(monkeypatch: pytest.MonkeyPatch
     torch.testing.assert_close(parameters_to_vector(of.parameters()), before, rtol=0, atol=0)
 
 
+def test_a_step_that_breaks_the_bound_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Fisher matrix that is taken for a ninth of itself makes the first step thrice too long."""
+    of, kl = policy(), 0.01
+    states, actions, advantages = batch(of)
+    old = of(states).detached()
+
+    def too_small(*of: Any, **how: Any) -> Any:
+        product = fisher_product(*of, **how)
+        return lambda vector: product(vector) / 9
+
+    monkeypatch.setattr(trpo, "fisher_product", too_small)
+    step = TrustRegion(kl=kl, damping=1e-3).step(of, states, actions, advantages)
+    assert step.taken
+    assert 0.3 * kl < float(old.kl_to(of(states)).detach()) < kl
+
+
 def test_without_advantage_and_bonus_nothing_moves() -> None:
     of = policy()
     before = parameters_to_vector(of.parameters()).detach().clone()
@@ -178,3 +196,27 @@ def test_a_share_of_the_rows_estimates_the_fisher_matrix_of_all() -> None:
     TrustRegion(fisher_share=1.0).step(again, states, actions, advantages)
     one, other = (parameters_to_vector(net.parameters()) for net in (of, again))
     torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-5)
+
+
+def test_the_rows_of_a_share_are_of_every_environment_and_every_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """64 steps of 32 environments lie row by row: every fourth row would be of eight of them."""
+    of, seen = policy(), []
+    _, actions, advantages = batch(of, 64 * 32)
+    step, environment = np.divmod(np.arange(64 * 32, dtype=np.float32), 32)
+    states = torch.from_numpy(np.stack([step, environment, 0 * step], axis=1))
+
+    def watched(policy: Any, states: Tensor, *, damping: float) -> Any:
+        seen.append(states)
+        return fisher_product(policy, states, damping=damping)
+
+    monkeypatch.setattr(trpo, "fisher_product", watched)
+    for _ in range(2):
+        TrustRegion(fisher_share=0.25).step(of, states, actions, advantages)
+    assert torch.equal(*seen)
+    assert len(seen[0]) == len(seen[0].unique(dim=0)) == 64 * 8
+    for column, count in ((0, 64), (1, 32)):
+        counts = seen[0][:, column].unique(return_counts=True)[1]
+        assert len(counts) == count
+        assert counts.max() < 2.5 * 64 * 8 / count
