@@ -90,7 +90,10 @@ class Decoder:
                     told("retried", level=30, task=task)
                     continue
                 if error.kind in _LATER:
-                    raise busy(503, _LATER[error.kind], 1) from None
+                    later = busy(503, _LATER[error.kind], 1)
+                    if read:  # it may be written: nobody is told to repeat it
+                        later = Problem(503, f"{later.detail}; look before you repeat it")
+                    raise later from None
                 blame = _FAULTS.get(error.kind, _OWN)
                 raise Problem(*(_OWN if read else blame)) from None
         raise AssertionError("the second time returns or raises")

@@ -115,9 +115,9 @@ class Edge:
         if exchange.status:
             await exchange.cut()
         else:
-            await exchange.answer(
-                busy(503, "service: expected time for an answer, found it shutting down", 1)
-            )
+            detail = "service: expected time for an answer, found it shutting down"
+            doubtful = Problem(503, f"{detail}; the change may be made: look before you repeat it")
+            await exchange.answer(doubtful if exchange.may_have_changed else busy(503, detail, 1))
 
     def _record(self, exchange: Exchange, route: str) -> None:
         """Count and log an answer with all others of this round of the loop, which is quicker."""

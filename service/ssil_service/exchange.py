@@ -11,6 +11,7 @@ from collections.abc import Callable
 from starlette.types import Message, Receive, Scope, Send
 
 from ssil_data.client.wire import JSON
+from ssil_service.hosts import SAFE
 from ssil_service.problems import Problem, busy
 from ssil_service.settings import Settings
 
@@ -21,6 +22,7 @@ _SLOWEST = 65_536
 """Bytes a second that a body must bring, and an answer be taken with, beyond the first seconds."""
 _IDLE = 10.0
 _PART = 65_536
+_QUESTIONS = ("/lcor", "/cor", "/score", "/infer")
 _JSON = JSON.encode()
 _NOSNIFF = (b"x-content-type-options", b"nosniff")
 _NO_CACHE = (b"cache-control", b"no-cache")
@@ -28,7 +30,7 @@ _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
 class Held:
-    """Bytes of questions and long answers in memory, all requests together."""
+    """Bytes of bodies and of long answers to questions in memory, all requests together."""
 
     def __init__(self, most: int) -> None:
         self.most = most
@@ -63,13 +65,21 @@ class Exchange:
         given = headers.get(b"x-request-id", b"").decode("latin-1")
         self.id = given if _ID.fullmatch(given) else secrets.token_hex(8)
         self._length = headers.get(b"content-length", b"")
-        self._uploads = scope["method"] == "PUT" or scope["path"].endswith("/episodes")
+        method, path = scope["method"], scope["path"]
+        posts = method == "POST"
+        self.asks = method in SAFE or (posts and path.endswith(_QUESTIONS))
+        self._uploads = method == "PUT" or (posts and path.endswith("/episodes"))
         if self._uploads:
             self._most = settings.upload_bytes
         elif headers.get(b"content-type", b"").partition(b";")[0].strip().lower() == _JSON:
             self._most = min(settings.json_bytes, settings.body_bytes)
         else:
             self._most = settings.body_bytes
+
+    @property
+    def may_have_changed(self) -> bool:
+        """Tell whether the store may be another: by no question, by no upload half received."""
+        return not self.asks and (self._ended or not self._uploads)
 
     def refuse_large(self) -> None:
         """Raise a Problem for a body that says that it is too large."""
@@ -106,7 +116,7 @@ class Exchange:
             headers = message["headers"]
             names = dict(headers)
             try:
-                self._hold(int(names.get(b"content-length", 0)))
+                self._hold_answer(message["status"], int(names.get(b"content-length", 0)))
             except Problem as problem:  # the application has begun, and may not see it
                 self.refused = problem
                 return
@@ -160,8 +170,17 @@ class Exchange:
         self._holds = 0
 
     def _hold(self, size: int) -> None:
-        self._held.take(size, self._holds)
-        self._holds += size
+        if size:
+            self._held.take(size, self._holds)
+            self._holds += size
+
+    def _hold_answer(self, status: int, size: int) -> None:
+        """Hold a long answer to a question; no refusal, and not what tells that a change is made.
+
+        Who hears 503 instead would ask for the change again.
+        """
+        if self.asks and size > _PART and status < 400:
+            self._hold(size)
 
     def _too_large(self) -> Problem:
         detail = f"body: expected at most {self._most} bytes, found more"

@@ -13,7 +13,8 @@ from ssil_service.problems import Problem
 from ssil_service.settings import Settings
 
 _LOCAL = ("localhost", "127.0.0.1", "[::1]")
-_SAFE = ("GET", "HEAD", "OPTIONS")
+SAFE = ("GET", "HEAD", "OPTIONS")
+"""Methods that change nothing."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Hosts:
             raise Problem(421, "Host: expected a local name, as no keys are set, found another")
         origin = headers.get(b"origin")
         foreign = origin is not None and origin.partition(b"://")[2] != host.encode("latin-1")
-        if foreign and method not in _SAFE:
+        if foreign and method not in SAFE:
             raise Problem(403, "Origin: expected this service, as no keys are set, found another")
 
 

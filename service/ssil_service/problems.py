@@ -82,7 +82,10 @@ class Problem(Exception):  # noqa: N818  as RFC 9457 calls it
 
 
 def busy(status: int, detail: str, seconds: float) -> Problem:
-    """Return the problem of a service that has too much to do: ask again after `seconds`."""
+    """Return the problem of a service that has too much to do: ask again after `seconds`.
+
+    `Retry-After` tells that nothing was begun: who asked for a change may repeat it.
+    """
     return Problem(status, detail, headers={"Retry-After": str(max(1, round(seconds)))})
 
 
