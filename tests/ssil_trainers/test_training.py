@@ -110,6 +110,17 @@ def test_a_checkpoint_is_not_overwritten_unasked(tmp_path: Path) -> None:
         train(job(tmp_path))
 
 
+@pytest.mark.parametrize("iterations", [2, 6])
+def test_fewer_steps_than_a_policy_has_learned_for_leave_it_alone(
+    tmp_path: Path, iterations: int
+) -> None:
+    train(job(tmp_path))
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(ConflictError, match="expected at least the 560 .* found"):
+        train(job(tmp_path, steps=iterations * 80), resume=True)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
 def test_a_checkpoint_of_another_job_is_refused_with_what_differs(tmp_path: Path) -> None:
     train(job(tmp_path))
     with pytest.raises(ConflictError, match=r"kl 0.01 as before, found 0.02"):

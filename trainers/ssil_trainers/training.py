@@ -153,9 +153,21 @@ class _Run:
                 raise ConflictError(
                     f"checkpoint: expected {_differences(described['identity'][name], value)}"
                 )
+        self._refuse_fewer_steps(path.with_name(POLICY))
         self.learner.restore(arrays, done=described["done"], eta=described["eta"])
         self.curve = [Moment.of_json(row) for row in described["curve"]]
         return True
+
+    def _refuse_fewer_steps(self, path: Path) -> None:
+        """Leave a policy alone that has learned for longer than this run is to last."""
+        of = self.settings
+        asked = of.iterations * of.environments * of.horizon
+        found = Policy.load(path).described["steps"] if path.exists() else 0
+        if found > asked:
+            raise ConflictError(
+                f"steps: expected at least the {found:,} that the policy in {path.parent} has "
+                f"learned for, found {asked:,}; another folder takes a shorter run"
+            )
 
     def _keep_policy(self) -> Policy:
         last = next(moment for moment in reversed(self.curve) if moment.evaluation is not None)
