@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import re
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -21,55 +22,15 @@ from ssil_trainers.experiments import reproduce as command
 from ssil_trainers.experiments.cells import FIRST_TEST_SEED
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.pool import pool
-from ssil_trainers.experiments.protocol import RC_LIDAR, Row, Table
+from ssil_trainers.experiments.protocol import RC_LIDAR
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
 from ssil_trainers.rc_demonstrations import RCSettings
 from ssil_trainers.rc_driver import Pursuit
-from ssil_trainers.settings import TrainSettings
+from ssil_trainers.settings import PAPER, TrainSettings
 from ssil_trainers.tasks import single
 
 from ssil_data.cli import main
-from ssil_data.demonstrations import Episode
-from ssil_data.store import Store
-
-SMALL = TrainSettings(
-    environments=2, horizon=16, hidden=8, boundary=2, evaluations=1, cloning_steps=5
-)
-SWINGS = Table(
-    name="swings",
-    title="Table I: swings",
-    dataset="swings",
-    train_on="Pendulum-v1",
-    tests=("Pendulum-v1", "Pendulum-v1?g=9.0"),
-    labels=(40, 80),
-    rows=(
-        Row("gail", "GAIL"),
-        Row("ssil", "SSIL (VAE)", "vae"),
-        Row("constant", "constant", labeled=False),
-        Row("clone", "clone"),
-    ),
-    budget=64,
-    evaluate_every=1,
-    full_score=-1000.0,
-    episodes=2,
-)
-
-
-def swings(store: Store) -> None:
-    """Make a dataset for Pendulum with every tier; what is learned from it does not matter."""
-    rng = np.random.default_rng(0)
-    tiers = ["expert", "expert", "0-25", "25-50", "50-75", "expert"]
-    episodes = [
-        Episode(
-            rng.normal(0, 1 + (tier != "expert"), (40, 3)).astype(np.float32),
-            rng.uniform(-2, 2, (40, 1)).astype(np.float32),
-            labeled=number < 2,
-            tier=tier,
-        )
-        for number, tier in enumerate(tiers)
-    ]
-    store.create("swings", episodes, state_names=["cos", "sin", "speed"], action_names=["torque"])
 
 
 def files(folder: Path) -> dict[str, int]:
@@ -77,27 +38,13 @@ def files(folder: Path) -> dict[str, int]:
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def small(tmp_path_factory: pytest.TempPathFactory, swings_plan: Callable[[Path], Plan]) -> Plan:
     """A plan of one seed whose cells are all done, and published."""
-    folder = tmp_path_factory.mktemp("reproduction")
-    store = Store(folder / "store")
-    swings(store)
-    plan = Plan(
-        tables=(SWINGS,),
-        leverage="swings",
-        seeds=(0,),
-        preset="default",
-        training=SMALL,
-        budget=None,
-        source=store,
-        output=folder / "out",
-        work=folder / "out" / "work",
-        estimators=("vae",),
-    )
-    before = files(folder / "store")
-    lines: list[str] = []
+    plan = swings_plan(tmp_path_factory.mktemp("reproduction"))
+    store = plan.output.parent / "store"
+    before, lines = files(store), list[str]()
     publish(plan, command.run(plan, workers=1, tell=lines.append))
-    assert files(folder / "store") == before
+    assert files(store) == before
     assert lines[0] == "0 of 9 cells are done already"
     assert lines[-1].startswith("cell 9 of 9")
     return plan
@@ -119,6 +66,7 @@ def test_every_cell_has_a_file_with_its_score_curve_and_identity(small: Plan):
     assert [row["steps"] for row in cell["curve"]] == [0, 32, 64]
     returns = [found["returns"] for found in cell["tests"].values()]
     assert np.shape(returns) == (2, 2)
+    assert all(len(set(episodes)) == 2 for episodes in returns)  # every episode its own start
     assert cell["score"] == pytest.approx(np.mean(returns) / -1000)
     assert cell["identity"]["dataset_version"] == small.source["swings"].version
     assert cell["identity"]["training"]["environments"] == 2
@@ -136,7 +84,7 @@ def test_a_cell_of_other_settings_data_or_code_is_not_taken_for_done(small: Plan
         replace(small, training=replace(small.training, kl=0.02)),
         replace(small, budget=96),
         replace(small, preset="paper"),
-        replace(small, tables=(replace(SWINGS, episodes=3),)),
+        replace(small, tables=(replace(small.tables[0], episodes=3),)),
     ):
         missing = {task.cell.method for task in other.tasks if task.result() is None}
         assert "ssil" in missing
@@ -154,7 +102,7 @@ def test_a_setting_that_a_method_does_not_have_leaves_its_cells_as_they_are(smal
 
 
 def test_what_does_not_depend_on_labels_is_run_once_and_stands_beside_all(small: Plan):
-    rows = done(small).rows(SWINGS)
+    rows = done(small).rows(small.tables[0])
     constant = [row for row in rows if row["method"] == "constant"]
     assert [row["labels"] for row in constant] == [40, 80]
     assert constant[0]["mean"] == constant[1]["mean"]
@@ -240,7 +188,11 @@ def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_trac
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--seeds", "0"], "seeds: expected at least 1"),
+        (["--seeds", "0"], "seeds: expected at least 1, found 0"),
+        (["--first-seed", "-1"], "first-seed: expected at least 0, found -1"),
+        (["--budget", "0"], "budget: expected at least 1, found 0"),
+        (["--workers", "0"], "workers: expected at least 1, found 0"),
+        (["--workers", "-1"], "workers: expected at least 1, found -1"),
         (["--labels", "7"], "labels: expected some of"),
         (["--methods", "magic"], "methods: expected some of"),
     ],
@@ -253,3 +205,68 @@ def test_what_cannot_be_run_is_refused(
     assert left.value.code == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def planned(words: list[str], monkeypatch: pytest.MonkeyPatch) -> Plan:
+    """Return the plan that the command would run."""
+    plans: list[Plan] = []
+
+    def caught(plan: Plan, **_: object) -> Results:
+        plans.append(plan)
+        return Results([])
+
+    monkeypatch.setattr(command, "run", caught)
+    monkeypatch.setattr(command, "publish", lambda plan, results: {"reproduced": 0})
+    with pytest.raises(SystemExit) as left:
+        main(["reproduce", *words])
+    assert left.value.code == 0
+    return plans[0]
+
+
+def test_three_seeds_are_run_that_no_setting_was_chosen_by(monkeypatch: pytest.MonkeyPatch):
+    assert planned([], monkeypatch).seeds == (300, 301, 302)
+    assert planned(["--first-seed", "7", "--seeds", "2"], monkeypatch).seeds == (7, 8)
+
+
+def test_the_paper_preset_is_the_papers_leverage_and_loop(monkeypatch: pytest.MonkeyPatch):
+    usual, paper = planned([], monkeypatch), planned(["--preset", "paper"], monkeypatch)
+    assert (usual.preset, usual.training) == ("default", TrainSettings())
+    assert (paper.preset, paper.training) == ("paper", replace(TrainSettings(), **PAPER))
+    assert paper.training != usual.training
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--table", "rc-lidar"],
+        ["--labels", "100"],
+        ["--methods", "gail"],
+        ["--seeds", "2"],
+        ["--budget", "4096"],
+        ["--preset", "paper"],
+        ["--training.kl", "0.02"],
+    ],
+)
+def test_only_the_whole_run_goes_where_its_result_is_kept(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert planned(words, monkeypatch).output == Path("reproduction")
+    assert planned([*words, "-o", "else"], monkeypatch).output == Path("else")
+    for whole in ([], ["--seeds", "5"], ["--first-seed", "400"], ["--workers", "1"]):
+        assert planned(whole, monkeypatch).output == Path("docs/reproduction")
+
+
+def test_only_the_labels_and_methods_asked_for_are_run(monkeypatch: pytest.MonkeyPatch):
+    words = ["--table", "racetrack", "--labels", "300", "--methods", "ssil", "--methods", "gail"]
+    (table,) = planned(words, monkeypatch).tables
+    assert (table.name, table.labels) == ("racetrack", (300,))
+    assert {row.method for row in table.rows} == {"ssil", "gail"}
+
+
+def test_tables_of_an_earlier_run_that_this_one_does_not_have_are_removed(
+    small: Plan, tmp_path: Path
+):
+    for name in ("rc-lidar.csv", "leverage.csv", "mine.csv"):
+        (tmp_path / name).write_text("old\n")
+    publish(replace(small, output=tmp_path, leverage=None), Results([]))
+    assert {path.name for path in tmp_path.glob("*.csv")} == {"mine.csv", "ledger.csv"}

@@ -16,6 +16,7 @@ from ssil_trainers.experiments.statistics import (
     interquartile_mean,
     interval,
     support,
+    told_apart,
 )
 
 RISING = Curve((0, 10, 30), (0.0, 1.0, 1.0))
@@ -81,6 +82,13 @@ def test_a_summary_has_the_figures_of_its_seeds():
     assert found.low <= found.interquartile_mean <= found.high
 
 
+def test_the_expert_is_reached_at_nine_tenths_of_its_score():
+    late = Curve((0, 10, 20, 30), (0.0, 0.5, 0.899, 0.9))
+    found = Summary.of([0.9], [late])
+    assert (found.reached, found.steps_to_90) == (1, 30)
+    assert Summary.of([0.899], [Curve((0, 10), (0.0, 0.899))]).reached == 0
+
+
 def test_when_most_seeds_never_reach_the_expert_there_is_no_median_of_when():
     found = Summary.of([0.9, 0.5, 0.5], [RISING, FLAT, FLAT])
     assert (found.reached, found.steps_to_90) == (1, None)
@@ -88,3 +96,21 @@ def test_when_most_seeds_never_reach_the_expert_there_is_no_median_of_when():
 
 def test_one_seed_has_no_deviation():
     assert deviation([0.3]) is None
+
+
+def test_equal_methods_are_told_apart_as_often_as_trials_one_by_one_are():
+    def deviate(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return second.std(axis=1) - first.std(axis=1)
+
+    for seeds, excess in ((3, higher), (5, deviate)):
+        rng = np.random.default_rng(1)
+        found = [
+            support(3 + 2 * rng.normal(size=seeds), 3 + 2 * rng.normal(size=seeds), excess)
+            for _ in range(400)
+        ]
+        expected = np.mean([share >= 0.95 or share <= 0.05 for share in found])
+        assert told_apart(excess, seeds, 0.95) == pytest.approx(expected, abs=0.06)
+
+
+def test_a_stricter_level_tells_equal_methods_apart_less_often():
+    assert told_apart(higher, 4, 0.99) < told_apart(higher, 4, 0.9)

@@ -81,12 +81,12 @@ def _table(plan: Plan, table: Table, results: Results) -> dict[str, Any]:
 
 
 def _caption(table: Table, results: Results) -> str:
-    where = ", ".join(table.tests)
+    where = f"{'each of ' if len(table.tests) > 1 else ''}{', '.join(table.tests)}"
     found = [
         "All policies start from a behaviour-cloned one." if table.pretrained else "",
-        f"Score: mean return of {table.episodes} episodes on each of {where}, over",
+        f"Score: mean return of {table.episodes} episodes on {where}, over",
         _unit(table, results),
-        _saturated(table, results),
+        saturated(table, results),
         paper.REMARKS.get(table.name, ""),
     ]
     return " ".join(filter(None, found))
@@ -105,7 +105,7 @@ def _unit(table: Table, results: Results) -> str:
     )
 
 
-def _saturated(table: Table, results: Results) -> str:
+def saturated(table: Table, results: Results) -> str:
     """Say which methods a bounded score does not tell apart any more; nothing if none is full."""
     means = {row["title"]: row["mean"] for row in results.rows(table)}
     full = [title for title, mean in means.items() if mean >= FULL]
