@@ -30,7 +30,7 @@ from ssil_data.client import RemoteStore, connect
 from ssil_data.client.wire import ARROW, JSON, encoded, states_table
 
 ROUNDS = 15
-CLIENTS, REQUESTS = 64, 25
+CLIENTS, REQUESTS, ASKED = 64, 25, 5
 LCOR = "/v1/datasets/racetrack/runs/windowvae/lcor"
 COR = "/v1/datasets/racetrack/runs/windowvae/cor"
 
@@ -193,11 +193,11 @@ def concurrent(store: Path, server: Server) -> None:
     }
     time.sleep(2)
     found: dict[str, list[Crowd]] = {name: [] for name in asked}
-    for _ in range(4):
+    for _ in range(ASKED + 1):
         for name, question in asked.items():
             found[name].append(asyncio.run(crowd(*question)))
     echo.kill()
-    print(f"\n{CLIENTS} clients at once, 3 rounds of {CLIENTS * REQUESTS:,} questions each")
+    print(f"\n{CLIENTS} clients at once, {ASKED} rounds of {CLIENTS * REQUESTS:,} questions each")
     head = ("median ms", "p99 ms", "p99/median", "answers/s", "of echo", "cpu ms", "of echo")
     print(f"  {'':<20}" + "".join(f"{each:>12}" for each in (*head, "refused", "errors")))
     base: list[float] = []

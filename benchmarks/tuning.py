@@ -1,6 +1,7 @@
 """Which settings serve every method, and where do unlabeled pairs pay?
 
 `python benchmarks/tuning.py knobs` changes one setting at a time, for every method alike;
+`python benchmarks/tuning.py lasts` asks some settings for the whole budget of the paper's table;
 `python benchmarks/tuning.py pays` goes through the places where leverage may be worth something.
 Scores are those of the learning curve: the mean action on the twin, or on Pendulum-v1 itself. Rows
 are appended to a CSV as they are made, and those it has are not made again. One core.
@@ -79,6 +80,10 @@ PROBLEMS: Mapping[str, Problem] = {
     "racetrack, 50 labels, little driving": Problem(
         "racetrack", "racetrack", 50, 16_384, 1, pretrained=True
     ),
+    **{
+        f"racetrack, {n} labels, to the end": Problem("racetrack", "racetrack", n, 122_880, 5)
+        for n in (100, 1_200)
+    },
     "large track, 100 labels": Problem("racetrack", "racetrack?track=large", 100),
     "oval track, 100 labels": Problem("racetrack", "racetrack?track=oval", 100),
     "5 Hz, 100 labels": Problem("racetrack", "racetrack?policy_hz=5", 100),
@@ -100,18 +105,27 @@ KNOBS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
     ({"centred": False}, SHAPED),
     *(({"eta": weight}, SHAPED) for weight in (0.3, 3.0)),
 )
+LASTING: tuple[dict[str, Any], ...] = (
+    {"discriminator_rate": 5e-4},
+    {"discriminator_rate": 1e-3},
+    {"discriminator_rate": 1e-3, "gradient_penalty": 0.1},
+)
+LASTS = ("racetrack, 100 labels, to the end", "racetrack, 1200 labels, to the end")
 AROUND = {"discriminator_rate": 5e-4}
 """What the default was when its knobs were turned."""
 
 
-def questions(which: str, problems: tuple[str, ...], seeds: int) -> Iterator[Run]:
+def questions(which: str, problems: tuple[str, ...], seeds: range) -> Iterator[Run]:
     """Go through the runs of a question, a setting after another."""
     every = tuple(name for name in METHODS if name != "constant")
-    knobs = tuple(({**AROUND, **changed}, methods) for changed, methods in KNOBS)
-    table, there = (knobs, TUNED) if which == "knobs" else ((({}, every),), tuple(PROBLEMS))
+    table, there = {
+        "knobs": (tuple(({**AROUND, **changed}, methods) for changed, methods in KNOBS), TUNED),
+        "lasts": (tuple((changed, FOUR) for changed in LASTING), LASTS),
+        "pays": ((({}, every),), tuple(PROBLEMS)),
+    }[which]
     for changed, methods in table:
         for problem in problems or there:
-            for seed in range(seeds):
+            for seed in seeds:
                 for method in methods:
                     yield Run(problem, method, json.dumps(changed, sort_keys=True), seed)
 
@@ -242,11 +256,12 @@ def print_table(rows: Mapping[Run, Found]) -> None:
 
 
 def main(
-    question: Literal["knobs", "pays"],
+    question: Literal["knobs", "lasts", "pays"],
     /,
     *,
     problems: tuple[str, ...] = (),
     seeds: int = 3,
+    first_seed: int = 0,
     output: Path | None = None,
     work: Path = Path("build/tuning"),
     vild: Path | None = None,
@@ -256,7 +271,7 @@ def main(
     path = output or work / f"{question}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
     bench, done = Bench(work, vild), kept(path)
-    wanted = list(questions(question, problems, seeds))
+    wanted = list(questions(question, problems, range(first_seed, first_seed + seeds)))
     for run in wanted:
         if run not in done:
             done[run] = bench(run)

@@ -20,6 +20,11 @@ from ssil_data.store import Store
 KEY = "SSIL_API_KEY"
 AT_FIRST, LATER = 10.0, 3600.0
 """Seconds that a service may take to answer: when a command starts, and once it did."""
+_OF_SERVICE = frozenset(
+    {"ssil_service", "fastapi", "starlette", "pydantic", "pydantic_core", "pydantic_settings"}
+    | {"prometheus_client", "uvicorn", "h11"}
+)
+"""What an installation without the service lacks; anything else that is missing is a fault."""
 _SILENT = 4
 """Attempts without a word: half a second of waiting, or as many waits as the service asks for."""
 
@@ -38,7 +43,9 @@ def asked(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
         return
     try:
         embedded = import_module("ssil_service").embedded
-    except ModuleNotFoundError:
+    except ModuleNotFoundError as error:
+        if error.name not in _OF_SERVICE:
+            raise
         yield place.open()
         return
     with (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -113,10 +114,18 @@ def test_eta_follows_the_rule_in_the_loop() -> None:
         assert learner.eta == pytest.approx(eta)
 
 
-def learner_of(method: str) -> Learner:
-    of, row, driver = demonstrations(), METHODS[method], Driver(Line(TOY.environments))
+def learner_of(
+    method: str, settings: TrainSettings = TOY, world: Callable[[int], Line] = Line
+) -> Learner:
+    of, row, driver = demonstrations(), METHODS[method], Driver(world(settings.environments))
     experts = row.imitated(of, driver.box, of.standardiser)
-    learner = Learner(TOY, driver, experts, row.shaping(of, TOY.seed), of.standardiser)
+    learner = Learner(
+        settings,
+        driver=driver,
+        experts=experts,
+        shaping=row.shaping(of, settings.seed),
+        standardiser=of.standardiser,
+    )
     learner.start_anew()
     return learner
 

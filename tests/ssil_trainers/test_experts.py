@@ -120,8 +120,10 @@ def test_the_discriminator_learns_that_the_policys_pairs_are_high(penalty: float
     discriminator = Discriminator(2, 1, 16, spectral=False)
     adam = torch.optim.Adam(discriminator.parameters(), lr=3e-3)
     teaching = Teaching(steps=100, batch=64, gradient_penalty=penalty)
-    teaching(discriminator, adam, policy, experts, np.random.default_rng(0))
-    accuracy = teaching(discriminator, adam, policy, experts, np.random.default_rng(1))
+    teaching(discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(0))
+    accuracy = teaching(
+        discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(1)
+    )
     assert accuracy > 0.85
     assert float(discriminator(policy).mean().detach()) > 0.3
     assert float(discriminator(torch.from_numpy(expert)).mean().detach()) < -0.3
@@ -136,7 +138,7 @@ def test_the_gradient_penalty_keeps_the_discriminator_gentle() -> None:
         discriminator = Discriminator(2, 1, 16, spectral=False)
         adam = torch.optim.Adam(discriminator.parameters(), lr=1e-2)
         teaching = Teaching(steps=200, batch=64, gradient_penalty=penalty)
-        teaching(discriminator, adam, policy, experts, np.random.default_rng(0))
+        teaching(discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(0))
         at = torch.zeros(50, 3, requires_grad=True)
         (slope,) = torch.autograd.grad(discriminator(at).sum(), at)
         slopes.append(float(slope.norm(dim=1).mean()))
@@ -148,7 +150,10 @@ def test_without_steps_the_discriminator_stays_as_it_was() -> None:
     adam = torch.optim.Adam(discriminator.parameters())
     experts = Experts(np.zeros((3, 2)), np.zeros((3, 1)), np.ones(3))
     rng = np.random.default_rng(0)
-    assert Teaching(steps=0)(discriminator, adam, pair_tensors(1), experts, rng) == 0.5
+    nothing = Teaching(steps=0)(
+        discriminator, adam, pairs=pair_tensors(1), experts=experts, rng=rng
+    )
+    assert nothing == 0.5
     assert not discriminator(pair_tensors(2)).any()
 
 

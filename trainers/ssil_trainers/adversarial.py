@@ -59,6 +59,7 @@ class Learner:
     def __init__(
         self,
         settings: TrainSettings,
+        *,
         driver: Driver,
         experts: Experts,
         shaping: Shaping,
@@ -105,8 +106,9 @@ class Learner:
         states, next_states = self._seen(rollout.states), self._seen(rollout.next_states)
         pairs = torch.cat([states, _rows(rollout.actions)], dim=1)
 
-        accuracy = Teaching(to.discriminator_steps, to.discriminator_batch, to.gradient_penalty)(
-            self.discriminator, self.discriminator_adam, pairs, self.experts, rng
+        teaching = Teaching(to.discriminator_steps, to.discriminator_batch, to.gradient_penalty)
+        accuracy = teaching(
+            self.discriminator, self.discriminator_adam, pairs=pairs, experts=self.experts, rng=rng
         )
         with torch.no_grad():
             discriminator_reward = self.discriminator.reward(pairs).numpy()

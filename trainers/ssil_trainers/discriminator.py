@@ -25,6 +25,7 @@ class Teaching:
         self,
         discriminator: Discriminator,
         optimiser: torch.optim.Optimizer,
+        *,
         pairs: Tensor,
         experts: Experts,
         rng: np.random.Generator,

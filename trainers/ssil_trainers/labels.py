@@ -10,14 +10,17 @@ from ssil_data import leverage as scales
 from ssil_data.client import RemoteDataset
 from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
-from ssil_data.errors import InvalidInputError
+from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import from_json
+from ssil_data.runs import Run
 from ssil_data.scoring import Progress, score
 from ssil_data.store import Store
 
 
 def with_labels(store: Store, name: str, labels: int) -> Dataset:
-    """Open the dataset `name`-`labels`-labels, or make it from `name`; with all labels, `name`.
+    """Open what `name` is with fewer labels, or make it; with all labels, `name` itself.
+
+    Its name ends in the source's version, so that one of another version is never taken for it.
 
     Its labeled pairs are the first `labels` of the source, the rest of the labeled ones is left
     out: the expert gave fewer demonstrations. Raises InvalidInputError if there are not so many.
@@ -28,7 +31,7 @@ def with_labels(store: Store, name: str, labels: int) -> Dataset:
         raise InvalidInputError(f"labels: expected 2 to {found} of {name}, found {labels}")
     if labels == found:
         return source
-    fewer = f"{name}-{labels}-labels"
+    fewer = f"{name}-{labels}-labels-{source.version}"
     if fewer in store:
         return store[fewer]
     card = f"# {fewer}\n\nThe first {labels} labeled pairs of `{name}`, version `{source.version}`"
@@ -42,9 +45,16 @@ def with_labels(store: Store, name: str, labels: int) -> Dataset:
 
 
 def scored_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) -> str:
-    """Return a run of `dataset` made as `run` of `source` was, fitted on its own labels."""
-    if dataset.version != source.version and run not in dataset.runs.names():
-        record = source.runs[run]
+    """Return a run of `dataset` made as `run` of `source` was, fitted on its own labels.
+
+    Raises ConflictError if `dataset` has a run of that name that was made otherwise.
+    """
+    if dataset.version == source.version:
+        return run
+    record = source.runs[run]
+    if run in dataset.runs.names():
+        _refuse_other(dataset, dataset.runs[run], record)
+    else:
         score(
             dataset,
             from_json(record.estimator),
@@ -55,6 +65,16 @@ def scored_like(dataset: Dataset, source: Dataset, run: str, progress: Progress)
             progress=progress,
         )
     return run
+
+
+def _refuse_other(dataset: Dataset, found: Run, expected: Run) -> None:
+    for name in ("estimator", "scale", "labeled_is_one", "seed"):
+        one, other = getattr(expected, name), getattr(found, name)
+        if one != other:
+            raise ConflictError(
+                f"run {found.run!r} of {dataset.name}: expected {name} {one!r}, as the run of the "
+                f"source has, found {other!r}"
+            )
 
 
 def _episodes(source: Dataset, labels: int) -> Iterator[Episode]:

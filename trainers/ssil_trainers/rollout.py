@@ -56,10 +56,14 @@ class Driver:
         """Start every environment anew and return the initial states (N, d)."""
         states, _ = self.envs.reset(seed=seed)
         self.states = np.array(states, np.float32)
+        _refuse_unknown("states", self.states)
         return self.states
 
     def roll(self, policy: Policy, noise: NDArray[np.float32]) -> Rollout:
-        """Drive on for T steps; `noise` (T, N, k) is standard normal."""
+        """Drive on for T steps; `noise` (T, N, k) is standard normal.
+
+        Raises InvalidInputError for a state that is not finite.
+        """
         horizon, count, _ = noise.shape
         states = np.empty((horizon, count, self.width), np.float32)
         next_states = np.empty_like(states)
@@ -77,6 +81,7 @@ class Driver:
             next_states[t] = self.states
             for row in np.flatnonzero(ended[t]):
                 next_states[t, row] = info["final_obs"][row]
+            _refuse_unknown("states", next_states[t], self.states)
         drawn = means + sigma * noise
         return Rollout(states, next_states, drawn, np.clip(drawn, -1, 1), terminated, ended)
 
@@ -86,7 +91,8 @@ def returns(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Drive one episode in every environment by the mean action; return returns and lengths.
 
-    Both (N,). For evaluation only: it reads the environment's reward.
+    Both (N,). For evaluation only: it reads the environment's reward. Raises InvalidInputError for
+    a state or reward that is not finite.
     """
     driver = Driver(envs)
     driver.reset(seed)
@@ -96,7 +102,18 @@ def returns(
     while going.any():
         observed, reward, terminated, truncated, _ = envs.step(policy(driver.states))
         driver.states = np.array(observed, np.float32)
+        _refuse_unknown("states", driver.states)
+        _refuse_unknown("rewards", np.asarray(reward))
         total[going] += np.asarray(reward, np.float64)[going]
         length[going] += 1
         going &= ~(terminated | truncated)
     return total, length
+
+
+def _refuse_unknown(what: str, *found: NDArray[Any]) -> None:
+    for values in found:
+        if not np.isfinite(values).all():
+            rows = np.argwhere(~np.isfinite(values))[0]
+            raise InvalidInputError(
+                f"environment: expected finite {what}, found {values[tuple(rows)]}"
+            )

@@ -27,7 +27,11 @@ _AT_MOST_ONE = frozenset({"discount", "gae_lambda", "fisher_share", "eta_decay"}
 PAPER: Mapping[str, Any] = MappingProxyType(
     {"gae_lambda": 0.0, "centred": False, "gradient_penalty": 0.0, "spectral_norm": False}
 )
-"""The preset `paper`: one-step advantages as in Algorithm 1, and nothing beyond it."""
+"""The preset `paper`: one-step advantages as in Algorithm 1, and nothing beyond it.
+
+The paper calls α a hyperparameter and never states it: the preset leaves it to the run, which fits
+it to the demonstrations.
+"""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ class TrainSettings:
     critic_rate: float = 1e-3
     discriminator_steps: int = 10
     discriminator_batch: int = 256
-    discriminator_rate: float = 1e-3
+    discriminator_rate: float = 5e-4
     gradient_penalty: float = 0.0
     spectral_norm: bool = False
     eta: float = 1.0

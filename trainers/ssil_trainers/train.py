@@ -52,8 +52,10 @@ def train(
     Parameters
     ----------
     method:
-        gail, gail-mixed (unlabeled pairs pass for expert ones), mixgail, ssil; the controls
-        shuffled and constant; cloning of the labeled pairs, or of all by their leverage.
+        gail, mixgail (CoR beside it), ssil (LCoR beside it); gail-mixed takes unlabeled pairs for
+        expert ones, gail-leverage and ssil-leverage take them by their leverage; the controls
+        shuffled (LCoR of mixed up leverage) and constant (a reward that says nothing); clone,
+        clone-mixed and clone-leverage clone the labeled pairs, all, or all by their leverage.
     env:
         racetrack, rc-lidar or the id of any gymnasium environment with Box spaces; settings of the
         environment follow as in racetrack?policy_hz=5&track=large.
@@ -64,11 +66,14 @@ def train(
         Folder of the policy file, checkpoint, curve and TensorBoard events; without it, named
         after what is trained, in `training/`.
     resume:
-        Go on from the folder's checkpoint, to the same result as without the interruption.
+        Go on from the folder's checkpoint, to the same result as without the interruption; without
+        one, begin, and say so.
     """
     spec_of(env)
     settings = replace(settings, **PAPER) if preset == "paper" else settings
     folder = output or _folder(method, env, origin, settings.seed)
+    if resume and not (folder / CHECKPOINT).exists():
+        print(f"No checkpoint in {folder}: training begins anew.", file=sys.stderr)
     iterations = METHODS[method].settings(settings).iterations
     try:
         with open_lessons(origin, method, place) as lessons:

@@ -85,7 +85,13 @@ class _Run:
         _refuse_unfit(of, driver)
         experts = method.imitated(of, driver.box, standardiser)
         shaping = method.shaping(of, self.settings.seed)
-        self.learner = Learner(self.settings, driver, experts, shaping, standardiser)
+        self.learner = Learner(
+            self.settings,
+            driver=driver,
+            experts=experts,
+            shaping=shaping,
+            standardiser=standardiser,
+        )
         self.curve: list[Moment] = []
         if not self._restored(resume) and self.settings.pretrained:
             self.learner.clone()

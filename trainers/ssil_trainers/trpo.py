@@ -42,8 +42,8 @@ class TrustRegion:
         """Raise mean(A · π/π_old) + λH as far as the KL bound lets it; changes the policy.
 
         states (n, d) standardised, actions (n, k) as they were drawn, not clipped, advantages (n,).
-        The Fisher matrix is estimated on every 1/`fisher_share`-th row. A step that does not
-        improve the objective within the bound after all backtracking is not taken.
+        The Fisher matrix is estimated on `fisher_share` of the rows. A step that does not improve
+        the objective within the bound after all backtracking is not taken.
         """
         parameters = list(policy.parameters())
         with torch.no_grad():
@@ -57,8 +57,8 @@ class TrustRegion:
 
         before, _ = objective()
         slope = _flat(torch.autograd.grad(before, parameters))
-        every = max(1, round(1 / self.fisher_share))
-        fisher = fisher_product(policy, states[::every], damping=self.damping)
+        rows = some_rows(len(states), share=self.fisher_share)
+        fisher = fisher_product(policy, states[rows], damping=self.damping)
         direction = conjugate_gradient(fisher, slope, steps=self.conjugate_steps)
         curvature = float(direction @ fisher(direction))
         if not curvature > 0:
@@ -73,6 +73,15 @@ class TrustRegion:
                     return Step(float(kl), taken=True)
             vector_to_parameters(start, parameters)
         return Step(0.0, taken=False)
+
+
+def some_rows(count: int, *, share: float) -> Tensor:
+    """Return a share of the rows, rising, always the same ones.
+
+    They are drawn: rows at a fixed distance would all be of the same few environments.
+    """
+    drawn = torch.randperm(count, generator=torch.Generator().manual_seed(0))
+    return drawn[: max(1, round(share * count))].sort().values
 
 
 def fisher_product(policy: PolicyNetwork, states: Tensor, *, damping: float) -> Product:

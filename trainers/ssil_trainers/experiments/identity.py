@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import subprocess
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +15,16 @@ import llvmlite.binding as llvm
 import ssil_data
 import ssil_trainers
 
-_PACKAGES = ("ssil-data", "torch", "numpy", "numba", "gymnasium", "highway-env", "gpytorch")
+_PACKAGES = (
+    "ssil-data",
+    "torch",
+    "numpy",
+    "numba",
+    "llvmlite",
+    "gymnasium",
+    "highway-env",
+    "gpytorch",
+)
 _LIBRARY = ("*.py", "estimators/**/*.py", "kernels/*.py")
 _TRAINERS = ("*.py", "envs/*.py", "experiments/cells.py", "experiments/lessons.py")
 _FEATURES = ("sse4.2", "avx", "avx2", "fma", "avx512f", "avx512vl", "amx-tile", "neon", "sve")
@@ -35,6 +45,22 @@ def code() -> str:
         for path in sorted({path for pattern in patterns for path in folder.glob(pattern)}):
             found.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     return found.hexdigest()[:16]
+
+
+@cache
+def commit() -> str | None:
+    """Return the commit of the checkout that the source stands in; None outside of one."""
+    file = Path(__file__)
+
+    def git(*words: str) -> str:
+        asked = ["git", "-C", str(file.parent), *words]
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", file.name)
+        return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    except (OSError, subprocess.CalledProcessError):
+        return None
 
 
 def processor() -> dict[str, Any]:

@@ -57,10 +57,13 @@ class Fit:
 
 
 def working_copy(source: Store, name: str, work: Path) -> Store:
-    """Copy a dataset into a store of its own below `work`, once for each version."""
+    """Copy a dataset into a store of its own below `work`, once for each version.
+
+    A copy that somebody changed since is made again.
+    """
     dataset = source[name]
     store = Store(work / f"{name}-{dataset.version}")
-    if name in store:
+    if name in store and store[name].version == dataset.version:
         return store
     folder = dataset.folder.local
     if folder is None or store.folder.local is None:
@@ -70,6 +73,7 @@ def working_copy(source: Store, name: str, work: Path) -> Store:
     hidden = store.folder.local.with_name(f".{store.folder.local.name}")
     shutil.rmtree(hidden, ignore_errors=True)
     shutil.copytree(folder, hidden / name)
+    shutil.rmtree(store.folder.local, ignore_errors=True)
     hidden.rename(store.folder.local)
     return store
 

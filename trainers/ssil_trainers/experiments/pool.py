@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -76,8 +77,17 @@ def _duration(seconds: float) -> str:
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the parent, and keep torch to one thread."""
+    """Leave Ctrl-C to the parent, end when it ends, and keep torch to one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
     torch.set_num_threads(1)
+
+
+def _end_with_parent() -> None:
+    """Wait for a parent that was killed: nobody would take what this worker does."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -58,10 +58,6 @@ class Table:
             evaluate_every=self.evaluate_every,
         )
 
-    def row(self, key: str) -> Row | None:
-        """Return the row of that key, None if there is none."""
-        return next((row for row in self.rows if row.key == key), None)
-
 
 def _ssil(*estimators: str) -> tuple[Row, ...]:
     titles = {"gpr": "GPR", "mdn": "MDN", "vae": "VAE", "windowvae": "windowVAE"}
@@ -138,7 +134,10 @@ FEW_LABELS = Table(
     evaluate_every=1,
     pretrained=True,
 )
-"""Eight iterations after cloning: where unlabeled pairs, imitated by their leverage, pay."""
+"""Eight iterations after cloning: where unlabeled pairs, imitated by their leverage, pay.
+
+The rows that imitate all pairs with equal weights are the controls of those by leverage.
+"""
 
 TRAINING_TABLES = (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT, FEW_LABELS)
 LEVERAGE = "leverage"
