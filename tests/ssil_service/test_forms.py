@@ -59,8 +59,9 @@ def test_numbers_that_were_copied_teach_nothing(states: np.ndarray):
 
 def test_so_many_forms_are_remembered_and_only_short_ones(states: np.ndarray):
     forms, body = Forms(), body_of(states)
-    long = encoded(states_table(states).append_column("note", [["x" * 300] * len(states)]))
-    forms.learn(long.to_pybytes(), numbers_in(long.to_pybytes()))
+    noted = states_table(states).append_column("note", [["x" * 300] * len(states)])
+    long = encoded(noted).to_pybytes()
+    forms.learn(long, numbers_in(long))
     assert not forms._known
     for condition in range(1000):
         forms.learn(body, numbers_in(body), condition)

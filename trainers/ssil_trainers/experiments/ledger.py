@@ -1,9 +1,10 @@
 """Rules that judge a claim by numbers of several seeds: reproduced, not reproduced, contradicted.
 
 A direction has support if it holds in 95 % of bootstrap resamples of the seeds. It is reproduced
-with support for it, contradicted with support for the opposite, and not reproduced otherwise.
-Fewer than three seeds judge nothing. The bootstrap of few seeds is generous: of two methods that
-are equally good, three seeds each lie apart in one case of ten.
+with support for it, contradicted with support for the opposite, and not reproduced otherwise. A
+difference below .01 of the expert's score is a tie, whatever its support, and not reproduced. Fewer
+than three seeds judge nothing. The bootstrap of few seeds is generous: `by_chance` is how often
+methods that are equally good get a verdict all the same.
 """
 
 from __future__ import annotations
@@ -11,16 +12,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.quality import spearman
-from ssil_trainers.experiments.statistics import deviation, support
+from ssil_trainers.experiments.statistics import Excess, deviation, support, told_apart
 
 SUPPORT = 0.95
 FEWEST_SEEDS = 3
+TIE = 0.01
+"""Means, or deviations, that differ by less, in shares of the expert's score, are equal."""
 
 
 class Verdict(StrEnum):
@@ -43,6 +47,11 @@ class Numbers:
     scores: Mapping[tuple[str, int | None, str], NDArray[np.float64]] = field(default_factory=dict)
     tiers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
+    def highest(self, table: str) -> float:
+        """Return the highest score of any method of a table in any seed."""
+        found = [scores for (name, *_), scores in self.scores.items() if name == table]
+        return float(np.concatenate(found).max())
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -64,7 +73,9 @@ class Rule(Protocol):
 class Exceeds:
     """`better` has `factor` times the mean score of `worse`, or more.
 
-    Reproduced if the direction has support and the factor lies within or below the 95 % interval.
+    Reproduced if the direction has support, the means are no tie, and the factor lies within or
+    below the 95 % interval. A factor that would take more than the highest score which any method
+    of the table reached in any seed is beyond the ceiling; that is told, and changes no verdict.
     """
 
     table: str
@@ -79,24 +90,30 @@ class Exceeds:
         if isinstance(both, Judged):
             return both
         better, worse = both
-        higher = support(better, worse, lambda a, b: a.mean(1) - b.mean(1))
-        as_much = support(better, worse, lambda a, b: a.mean(1) - self.factor * b.mean(1))
+        higher = support(better, worse, _higher(1.0))
+        as_much = support(better, worse, _higher(self.factor))
         by = f"{_spread(better)} against {_spread(worse)}; higher in {higher:.0%} of resamples"
-        if higher < SUPPORT:
-            return Judged(_opposed(higher), by)
-        if as_much < (1 - SUPPORT) / 2:
-            return Judged(Verdict.NOT_REPRODUCED, f"{by}, but by less than claimed")
-        return Judged(Verdict.REPRODUCED, by)
+        found = _verdict(float(better.mean() - worse.mean()), higher, as_much, by)
+        needed, top = self.factor * float(worse.mean()), numbers.highest(self.table)
+        if found.verdict is not Verdict.REPRODUCED and needed > top:
+            ceiling = f"ceiling: claimed are {needed:.3f}, the highest score is {top:.3f}"
+            return Judged(found.verdict, f"{found.by}; {ceiling}")
+        return found
 
 
 @dataclass(frozen=True)
 class Steadier:
-    """The scores of `steadier` deviate less over seeds than those of `other`."""
+    """The scores of `steadier` deviate over seeds by `share` of what those of `other` do, or less.
+
+    Judged as `Exceeds`, by resampled deviations. Three seeds cannot decide it: one resample in nine
+    draws the same seed three times.
+    """
 
     table: str
     labels: int | None
     steadier: str
     other: str
+    share: float = 1.0
 
     def __call__(self, numbers: Numbers) -> Judged:
         """Compare the deviations."""
@@ -104,12 +121,16 @@ class Steadier:
         if isinstance(both, Judged):
             return both
         steadier, other = both
-        lower = support(steadier, other, lambda a, b: b.std(axis=1) - a.std(axis=1))
+        lower = support(steadier, other, _steadier(1.0))
+        as_little = support(steadier, other, _steadier(self.share))
+        less, more = (float(np.std(scores, ddof=1)) for scores in both)
         by = (
-            f"deviation {deviation(steadier):.3f} ({len(steadier)} seeds) against "
-            f"{deviation(other):.3f} ({len(other)}); lower in {lower:.0%} of resamples"
+            f"deviation {less:.3f} ({len(steadier)} seeds) against "
+            f"{more:.3f} ({len(other)}); lower in {lower:.0%} of resamples"
         )
-        return Judged(Verdict.REPRODUCED if lower >= SUPPORT else _opposed(lower), by)
+        if min(len(steadier), len(other)) == FEWEST_SEEDS:
+            by = f"{by}; three seeds cannot decide it"
+        return _verdict(more - less, lower, as_little, by)
 
 
 @dataclass(frozen=True)
@@ -146,6 +167,28 @@ class Claim:
     note: str = ""
 
 
+@dataclass(frozen=True)
+class Chance:
+    """How often equally good methods get a verdict about their means, or about their deviations."""
+
+    means: float
+    deviations: float
+
+
+@cache
+def by_chance(seeds: int) -> Chance | None:
+    """Simulate verdicts about equal methods of normal scores; None where nothing is judged.
+
+    As if they deviated by so much that ties were rare: ties make it less.
+    """
+    if seeds < FEWEST_SEEDS:
+        return None
+    return Chance(
+        means=told_apart(_higher(1.0), seeds, SUPPORT),
+        deviations=told_apart(_steadier(1.0), seeds, SUPPORT),
+    )
+
+
 def _both(
     numbers: Numbers, table: str, labels: int | None, *keys: str
 ) -> list[NDArray[np.float64]] | Judged:
@@ -158,8 +201,25 @@ def _too_few(found: int) -> Judged:
     return Judged(Verdict.NOT_JUDGED, f"expected {FEWEST_SEEDS} seeds or more, found {found}")
 
 
-def _opposed(share: float) -> Verdict:
-    return Verdict.CONTRADICTED if share <= 1 - SUPPORT else Verdict.NOT_REPRODUCED
+def _verdict(excess: float, direction: float, size: float, by: str) -> Judged:
+    """Judge by what was measured, its support, and the support of the size that was claimed."""
+    if abs(excess) < TIE:
+        return Judged(Verdict.NOT_REPRODUCED, f"{by}; tie")
+    if direction <= 1 - SUPPORT:
+        return Judged(Verdict.CONTRADICTED, by)
+    if direction < SUPPORT:
+        return Judged(Verdict.NOT_REPRODUCED, by)
+    if size < (1 - SUPPORT) / 2:
+        return Judged(Verdict.NOT_REPRODUCED, f"{by}, but by less than claimed")
+    return Judged(Verdict.REPRODUCED, by)
+
+
+def _higher(factor: float) -> Excess:
+    return lambda first, second: first.mean(axis=1) - factor * second.mean(axis=1)
+
+
+def _steadier(share: float) -> Excess:
+    return lambda first, second: share * second.std(axis=1) - first.std(axis=1)
 
 
 def _spread(scores: NDArray[np.float64]) -> str:

@@ -9,12 +9,16 @@ from typing import Any
 
 from ssil_data.report.rendering import MINUS, rendered
 from ssil_trainers.experiments import charts, paper
+from ssil_trainers.experiments.ledger import TIE, by_chance
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.protocol import Table
 from ssil_trainers.experiments.results import Record, Results
+from ssil_trainers.racetrack_demonstrations import RacetrackSettings
 from ssil_trainers.settings import TrainSettings
 
 HERE = Path(__file__).parent
+FULL = 0.9995
+"""The least score that is shown as 1.000."""
 _CONTROLS = ("shuffled", "constant", "clone")
 
 
@@ -35,6 +39,8 @@ def page(
         "preset": plan.preset,
         "hours": f"{seconds / 60:,.0f} min on one core",
         "verdicts": verdicts,
+        "chance": by_chance(len(plan.seeds)),
+        "tie": TIE,
         "tables": plan.tables,
         "sections": _sections(plan, results),
         "claims": claims,
@@ -62,7 +68,7 @@ def _table(plan: Plan, table: Table, results: Results) -> dict[str, Any]:
     return {
         "name": table.name,
         "title": table.title,
-        "caption": _caption(table),
+        "caption": _caption(table, results),
         "columns": columns,
         "blocks": [_block(table, rows, labels) for labels in table.labels],
         "over": [over.get(row.key) for row in table.rows] if len(table.labels) > 1 else [],
@@ -74,15 +80,42 @@ def _table(plan: Plan, table: Table, results: Results) -> dict[str, Any]:
     }
 
 
-def _caption(table: Table) -> str:
-    unit = "the expert's mean return, as recorded with the demonstrations"
-    if table.full_score is not None:
-        unit = f"{table.full_score:g}"
-    first = "All policies start from a behaviour-cloned one. " if table.pretrained else ""
+def _caption(table: Table, results: Results) -> str:
     where = ", ".join(table.tests)
+    found = [
+        "All policies start from a behaviour-cloned one." if table.pretrained else "",
+        f"Score: mean return of {table.episodes} episodes on each of {where}, over",
+        _unit(table, results),
+        _saturated(table, results),
+        paper.REMARKS.get(table.name, ""),
+    ]
+    return " ".join(filter(None, found))
+
+
+def _unit(table: Table, results: Results) -> str:
+    """Say what return counts as 1, and who may exceed it."""
+    if table.full_score is not None:
+        return f"{table.full_score:g}."
+    whole = results.full_score(table)
+    number = "" if whole is None else f", {whole:,.0f},"
     return (
-        f"{first}Score: mean return of {table.episodes} episodes on each of {where}, over {unit}."
+        f"the expert's mean return{number} as recorded with the demonstrations. That expert's "
+        f"actions have normal noise of deviation {RacetrackSettings().tremble:g}; a policy drives "
+        "by its mean action, without it, and can exceed 1."
     )
+
+
+def _saturated(table: Table, results: Results) -> str:
+    """Say which methods a bounded score does not tell apart any more; nothing if none is full."""
+    means = {row["title"]: row["mean"] for row in results.rows(table)}
+    full = [title for title, mean in means.items() if mean >= FULL]
+    if table.full_score is None or not full:
+        return ""
+    after = f"After {results.budget(table):,} steps"
+    if len(full) == len(means):
+        return f"{after} every method and every control scores 1.000: none is told apart."
+    less = ", ".join(f"{title} {mean:.3f}" for title, mean in means.items() if mean < FULL)
+    return f"{after} these score 1.000 and are not told apart: {', '.join(full)}; less: {less}."
 
 
 def _block(table: Table, rows: list[Record], labels: int | None) -> dict[str, Any]:

@@ -16,11 +16,15 @@ from ssil_trainers.experiments.claims import claims, controls
 from ssil_trainers.experiments.ledger import Verdict
 from ssil_trainers.experiments.page import page
 from ssil_trainers.experiments.plan import Plan
+from ssil_trainers.experiments.protocol import TRAINING_TABLES
 from ssil_trainers.experiments.results import Record, Results, curve
 
 
 def publish(plan: Plan, results: Results) -> dict[str, int]:
-    """Write everything into the plan's output folder; return how many claims got each verdict."""
+    """Write everything into the plan's output folder; return how many claims got each verdict.
+
+    A table that this run does not have, but one before it left there, is removed.
+    """
     numbers = results.numbers(plan.tables)
     paper, own = results.judged(claims(), numbers), results.judged(controls(), numbers)
     counted = Counter(row["verdict"] for row in paper)
@@ -41,9 +45,13 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
     files["index.html"] = page(
         plan, results, claims=paper, controls=own, verdicts=verdicts, made_by=made_by
     )
+    for name in (f"{table.name}.csv" for table in TRAINING_TABLES):
+        files.setdefault(name, "")
     for name, text in files.items():
         if text:
             Folder(plan.output).write(name, text.encode())
+        else:
+            (plan.output / name).unlink(missing_ok=True)
     return verdicts
 
 

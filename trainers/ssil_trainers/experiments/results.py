@@ -55,6 +55,11 @@ class Results:
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return max((record["curve"][-1]["steps"] for record in found), default=0)
 
+    def full_score(self, table: Table) -> float | None:
+        """Return the return that counts as 1; None if no cell of the table is there."""
+        found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
+        return found[0]["full_score"] if found else None
+
     def scores(self, table: Table, row: Row, labels: int | None) -> NDArray[np.float64]:
         """Return the final scores (seeds,) on the real environment."""
         return np.array([record["score"] for record in self.of(table, row, labels)])

@@ -15,6 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 RESAMPLES = 10_000
 INTERVAL = 0.95
 """How much of the resamples an interval holds."""
+TRIALS = 2_000
+"""Pairs of equally good methods in a simulation of verdicts by chance."""
+
+Excess = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""How much of something resampled values (r, n, ...) have beyond others (r, m, ...): (r, ...)."""
 
 
 @dataclass(frozen=True)
@@ -101,24 +106,42 @@ def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def support(
-    first: ArrayLike,
-    second: ArrayLike,
-    excess: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
-) -> float:
-    """Return the share of resamples in which `excess` is above 0, ties half.
+def support(first: ArrayLike, second: ArrayLike, excess: Excess) -> float:
+    """Return the share of resamples in which `excess` is above 0, ties half."""
+    return float(_supports(resampled(first, 0), resampled(second, 1), excess))
 
-    `excess` gets resampled values (r, n) and (r, m), and returns (r,).
+
+def told_apart(excess: Excess, seeds: int, level: float) -> float:
+    """Return how often equally good methods get support of `level`, one way or the other.
+
+    Simulated: both have so many normal scores of the same mean and deviation.
     """
-    found = excess(resampled(first, 0), resampled(second, 1))
-    return float((found > 0).mean() + (found == 0).mean() / 2)
+    rng = np.random.default_rng(0)
+    few = 50  # resamples of many trials at once would fill the memory
+    found = [
+        _supports(
+            resampled(rng.normal(size=(seeds, few)), 0),
+            resampled(rng.normal(size=(seeds, few)), 1),
+            excess,
+        )
+        for _ in range(TRIALS // few)
+    ]
+    shares = np.concatenate(found)
+    return float(((shares >= level) | (shares <= 1 - level)).mean())
 
 
 def resampled(values: ArrayLike, seed: int) -> NDArray[np.float64]:
-    """Draw resamples (RESAMPLES, n) of n values with replacement."""
+    """Draw resamples (RESAMPLES, n, ...) of n values (n, ...) with replacement."""
     values = np.asarray(values, np.float64)
     rows = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))
     return values[rows]
+
+
+def _supports(
+    first: NDArray[np.float64], second: NDArray[np.float64], excess: Excess
+) -> NDArray[np.float64]:
+    found = excess(first, second)
+    return (found > 0).mean(axis=0) + (found == 0).mean(axis=0) / 2
 
 
 def _interquartile_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
