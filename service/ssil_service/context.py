@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from fastapi import Request
 
+from ssil_service.batching import Batching
 from ssil_service.catalogue import Catalogue
 from ssil_service.decoder import Decoder
 from ssil_service.gate import Gate
@@ -35,6 +36,7 @@ class Context:
     gate: Gate
     decoder: Decoder
     board: Board
+    batching: Batching = field(default_factory=lambda: Batching(INLINE))
     closing: bool = False
     _deadline: float | None = None
 

@@ -77,7 +77,12 @@ async def lcor(
             return _sums(field.sums(states, contributors=contributors))
         return _answer(field.lcor(states, contributors=contributors, **accuracy))  # pyright: ignore[reportArgumentType]
 
-    columns = await here.compute(len(states) * len(field.states), work)
+    size = len(states) * len(field.states)
+    plain = not (sums or contributors or tolerance or relative or seconds or seed)
+    if plain and size <= here.batching.most:
+        columns = _answer(await here.batching.lcor(field, states))
+    else:
+        columns = await here.compute(size, work)
     here.metrics.rows("lcor", len(states))
     about = {"alpha": field.alpha, "demonstrations": len(field.states)}
     table = pa.table(columns)
