@@ -80,6 +80,7 @@ def open_context(app: FastAPI) -> Context:
     catalogue = Catalogue(Store(settings.store), settings.cache_bytes)
     catalogue.sweep()
     gate = Gate(settings.computing, settings.waiting)
+    texts = Gate(1, settings.waiting)
     fits = Pool(state.lock, settings.job_bytes, settings.job_seconds, keep=1)
     bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.decode_seconds, keep=1)
     decoder = Decoder(
@@ -89,7 +90,7 @@ def open_context(app: FastAPI) -> Context:
     board.start()
     app.state.metrics.watch(gate, catalogue.cache)
     return Context(
-        settings, app.state.keys, app.state.metrics, state, catalogue, gate, decoder, board
+        settings, app.state.keys, app.state.metrics, state, catalogue, gate, texts, decoder, board
     )
 
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from fastapi import Request
 
+from ssil_data.client.wire import JSON
 from ssil_service.batching import Batching
 from ssil_service.catalogue import Catalogue
 from ssil_service.decoder import Decoder
@@ -34,11 +35,19 @@ class Context:
     state: State
     catalogue: Catalogue
     gate: Gate
+    texts: Gate
     decoder: Decoder
     board: Board
     batching: Batching = field(default_factory=lambda: Batching(INLINE))
     closing: bool = False
     _deadline: float | None = None
+
+    def place(self, media: str) -> Gate | None:
+        """Return where a long body or answer of a form waits: JSON's, as it lets nobody else run.
+
+        It also takes up to thirty times its length while it is read: one at a time.
+        """
+        return self.texts if media == JSON else None
 
     async def compute(self, pairs: int, work: Callable[[], Answer]) -> Answer:
         """Compute a small question at once, a large one behind the gate."""
@@ -54,6 +63,7 @@ class Context:
         """Finish what was accepted, and give up the place in the state folder."""
         self.leave()
         self.gate.close(self._left())
+        self.texts.close(self._left())
         self.decoder.pool.close()
         self.board.close(self._left())
         self.state.close()

@@ -25,6 +25,7 @@ from ssil_service.cells import (
 )
 from ssil_service.context import context
 from ssil_service.forms import Forms
+from ssil_service.gate import Gate
 from ssil_service.problems import SHOWN, Fault, Problem, of_validation
 from ssil_service.schemas import PairsBody, StatesBody
 from ssil_service.streams import read_stream
@@ -63,7 +64,7 @@ async def states_body(request: Request, width: int) -> NDArray[np.float32]:
         _FORMS.learn(body, matrix, width, most)
         return checked("state", matrix, width)
 
-    return await off_loop(len(body), read)
+    return await off_loop(len(body), read, context(request).place(media))
 
 
 async def pairs_body(request: Request, widths: tuple[int, int]) -> Pairs:
@@ -89,7 +90,7 @@ async def pairs_body(request: Request, widths: tuple[int, int]) -> Pairs:
         step = place["step"] if "step" in place else counted(episode)
         return Pairs(states=states, actions=actions, episode=episode, step=step)
 
-    return await off_loop(len(body), read)
+    return await off_loop(len(body), read, context(request).place(media))
 
 
 _PLACE = ("episode", "step")
@@ -111,9 +112,14 @@ def media_type(
     return given
 
 
-async def off_loop(body_size: int, work: Callable[[], Answer]) -> Answer:
-    """Do small work here and now, large work in a thread."""
-    return work() if body_size <= _INLINE else await asyncio.to_thread(work)
+async def off_loop(size: int, work: Callable[[], Answer], place: Gate | None = None) -> Answer:
+    """Do small work here and now, large work in a thread, or where its form waits.
+
+    Raises a Problem with 503 when too many wait there.
+    """
+    if size <= _INLINE:
+        return work()
+    return await (asyncio.to_thread(work) if place is None else place.run(work))
 
 
 async def _body(request: Request) -> tuple[str, bytes, int]:

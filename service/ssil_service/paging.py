@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 from typing import Any
 
@@ -12,11 +11,11 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import context
+from ssil_service.intake import off_loop
 from ssil_service.negotiation import table_response
 
-_CELLS = {JSON: 2**20}
+_CELLS = {JSON: 2**17}
 _CELLS_OF_OTHERS = 2**24
-_INLINE = 2**14
 
 
 def page(
@@ -43,9 +42,10 @@ async def paged(
         following = request.url.include_query_params(offset=rows.stop)
         headers["Link"] = f'<{following.path}?{following.query}>; rel="next"'
     about = {**about, "offset": rows.start, "total": total}
-    if table.nbytes <= _INLINE:
-        return table_response(table, media, about=about, headers=headers)
-    return await asyncio.to_thread(table_response, table, media, about=about, headers=headers)
+    place = context(request).place(media)
+    return await off_loop(
+        table.nbytes, lambda: table_response(table, media, about=about, headers=headers), place
+    )
 
 
 def tag_of(*parts: object) -> str:

@@ -132,16 +132,21 @@ async def infer(
     here = context(request)
     found = await _found(here, model, version)
     body, most = await request.body(), here.settings.json_bytes
-    asked, inputs = await off_loop(len(body), lambda: tensors.read(body, length, most_json=most))
+    asked, inputs = await off_loop(
+        len(body), lambda: tensors.read(body, length, most_json=most), here.texts
+    )
     unknown = {output.name for output in asked.outputs} - set(_OUTPUTS[found.kind])
     if unknown:
         raise Problem(
             422, f"outputs: expected some of {sorted(_OUTPUTS[found.kind])}, found others"
         )
     outputs = await _outputs(here, found, inputs)
+    here.metrics.rows("infer", len(next(iter(outputs.values()))))
     about = {"model_name": model, "model_version": found.version, "id": asked.id}
     size = sum(values.nbytes for values in outputs.values())
-    answer, header = await off_loop(size, lambda: tensors.written(asked, about, outputs))
+    answer, header = await off_loop(
+        size, lambda: tensors.written(asked, about, outputs), here.texts
+    )
     if header is None:
         return Response(answer, media_type=JSON)
     return Response(

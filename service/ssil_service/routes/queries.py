@@ -86,7 +86,9 @@ async def lcor(
     here.metrics.rows("lcor", len(states))
     about = {"alpha": field.alpha, "demonstrations": len(field.states)}
     table = pa.table(columns)
-    return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
+    return await off_loop(
+        table.nbytes, lambda: table_response(table, media, about=about), here.place(media)
+    )
 
 
 @router.post(
@@ -111,7 +113,9 @@ async def cor(
     here.metrics.rows("cor", len(states))
     table = pa.table({"value": values})
     about = {"alpha": field.alpha}
-    return await off_loop(table.nbytes, lambda: table_response(table, media, about=about))
+    return await off_loop(
+        table.nbytes, lambda: table_response(table, media, about=about), here.place(media)
+    )
 
 
 @router.post(
@@ -137,7 +141,7 @@ async def score(request: Request, dataset: DatasetName, run: RunName) -> Respons
             "leverage": scored.leverage,
         }
     )
-    return await off_loop(table.nbytes, lambda: table_response(table, media))
+    return await off_loop(table.nbytes, lambda: table_response(table, media), here.place(media))
 
 
 def _refuse_sampled(request: Request) -> None:
