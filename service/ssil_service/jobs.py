@@ -7,6 +7,7 @@ import logging
 import secrets
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Thread
 from typing import Any
@@ -62,11 +63,18 @@ class Board:
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
 
     def _take_over(self, record: JobRecord) -> None:
-        entry = self.ledger.entries[record.job] = Entry(record)
+        entry = Entry(record)
         if record.state == "queued":
-            self.state.journal.write(record)
-        else:
-            self.ledger.end(entry, self.runner.cut_off(record, _STOPPED))
+            with suppress(Problem):  # told: it is left to the next server
+                self.ledger.keep(record)
+                self.ledger.entries[record.job] = entry
+            return
+        try:
+            ending = self.runner.cut_off(record, _STOPPED)
+        except Exception as error:  # a record that no server wrote, say: it stops no start
+            ending = _failed(record, error)
+        self.ledger.entries[record.job] = entry
+        self.ledger.end(entry, ending)
 
     def repeated(self, key: str | None, asked: str) -> dict[str, Any] | None:
         """Return the job that was accepted under a key, by whichever server, if there is one.
@@ -177,8 +185,7 @@ class Board:
             except (SsilDataError, Problem) as error:
                 ending = self.runner.refused(error)
             except Exception as error:
-                told("job failed", level=logging.ERROR, trace=True, job=entry.record.job)
-                ending = fault("InternalError", f"the service failed ({type(error).__name__})")
+                ending = _failed(entry.record, error)
             if self._closing and ending.error and ending.error["kind"] in _CUT_OFF:
                 ending = _STOPPED
             self.ledger.end(entry, ending)
@@ -195,10 +202,11 @@ class Board:
         return None
 
     def _run(self, entry: Entry) -> Ending:
-        def started(worker: Worker) -> None:
-            entry.worker = worker
-            if entry.cancelled:
-                worker.kill_soon()
+        def started(worker: Worker | None) -> None:
+            with self.ledger.changed:  # under which it is cancelled: never somebody else's worker
+                entry.worker = worker
+                if worker is not None and entry.cancelled:
+                    worker.kill_soon()
 
         def report(progress: dict[str, Any]) -> None:
             entry.progress = progress
@@ -225,6 +233,12 @@ class Board:
         conflict = error is not None and error["kind"] == ConflictError.__name__
         given_up = entry.cancelled or self._closing
         return conflict and not given_up and record.stem is not None and self.runner.used(record)
+
+
+def _failed(record: JobRecord, error: Exception) -> Ending:
+    """Log an error while it is handled, and return the ending of its job."""
+    told("job failed", level=logging.ERROR, trace=True, job=record.job)
+    return fault("InternalError", f"the service failed ({type(error).__name__})")
 
 
 def _job_of(key: str) -> str:

@@ -75,7 +75,7 @@ class Ledger:
             record = replace(entry.record, state=state, error=error, ended=now())
             self._unwritten[record.job] = record
             self._write()
-            entry.record, entry.worker = record, None
+            entry.record = record
             self.trim()
 
     def _write(self) -> None:

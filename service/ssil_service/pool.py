@@ -45,7 +45,7 @@ class Worker:
             env=_without_keys(os.environ),
             start_new_session=True,
         )
-        self._late = False
+        self._killed = self._late = False
 
     def run(self, task: str, arguments: dict[str, Any], report: Report, seconds: float) -> Any:
         """Return a task's result; raises the library's error, a Problem or TaskError."""
@@ -56,6 +56,7 @@ class Worker:
             return self._answer({"task": task, "arguments": arguments}, report)
         finally:
             watch.cancel()
+            watch.join()  # afterwards it is known whether the process was killed
 
     def _answer(self, order: dict[str, Any], report: Report) -> Any:
         self._send(json.dumps(order).encode() + b"\n")
@@ -92,10 +93,11 @@ class Worker:
 
     def _too_late(self) -> None:
         self._late = True
-        self._process.kill()
+        self.kill_soon()
 
     def kill_soon(self) -> None:
         """End the process; whoever waits for its answer cleans up."""
+        self._killed = True
         self._process.kill()
 
     def kill(self) -> None:
@@ -109,8 +111,11 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """Tell whether the process still runs."""
-        return self._process.poll() is None
+        """Tell whether the process still runs, and was not told to end."""
+        return not self._killed and self._process.poll() is None
+
+
+Started = Callable[[Worker | None], None]
 
 
 def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
@@ -149,9 +154,9 @@ class Pool:
         arguments: dict[str, Any],
         *,
         report: Report = lambda progress: None,
-        started: Callable[[Worker], None] = lambda worker: None,
+        started: Started = lambda worker: None,
     ) -> Any:
-        """Run a task in a worker; `started` is told which, so that it can be killed."""
+        """Run a task in a worker; `started` is told which may be killed, None before it is idle."""
         with self._guard:
             if self._closed:
                 raise TaskError("ShutdownError", "the service is shutting down")
@@ -161,6 +166,7 @@ class Pool:
             started(worker)
             return worker.run(task, arguments, report, self.seconds)
         finally:
+            started(None)
             with self._guard:
                 self._busy.discard(worker)
                 kept = worker.alive and len(self._idle) < self.keep and not self._closed
@@ -180,7 +186,8 @@ class Pool:
         """End all workers."""
         with self._guard:
             self._closed = True
-            workers = [*self._idle, *self._busy]
-            self._idle.clear()
-        for worker in workers:
+            for worker in self._busy:
+                worker.kill_soon()  # what it has said by now is still heard
+            idle = [self._idle.pop() for _ in list(self._idle)]
+        for worker in idle:
             worker.kill()

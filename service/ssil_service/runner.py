@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Any, Literal
@@ -11,7 +11,7 @@ from ssil_data.errors import DamagedError, NotFoundError, SsilDataError
 from ssil_data.runs import Run
 from ssil_data.store import Store
 from ssil_service.journal import JobRecord
-from ssil_service.pool import Pool, Report, TaskError, Worker
+from ssil_service.pool import Pool, Report, Started, TaskError
 from ssil_service.problems import Problem, of_library
 
 
@@ -48,9 +48,7 @@ class Runner:
         """Tell whether a run has the job's name; raises NotFoundError without its dataset."""
         return record.run in self._runs(record.dataset)
 
-    def run(
-        self, record: JobRecord, *, report: Report, started: Callable[[Worker], None]
-    ) -> Ending:
+    def run(self, record: JobRecord, *, report: Report, started: Started) -> Ending:
         """Make the run of a job."""
         arguments = {"store": self.store, "dataset": record.dataset, "run": record.run}
         arguments |= {"version": record.version, "body": dict(record.body)}

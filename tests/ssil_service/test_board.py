@@ -4,8 +4,10 @@ import json
 import logging
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from ssil_service.jobs import Board, Order
 from ssil_service.journal import JobRecord, Journal
 from ssil_service.pool import Pool, TaskError, Worker
 from ssil_service.problems import Problem
+from ssil_service.runner import Runner
 from ssil_service.state import State
 from ssil_service.tasks import make_run
 
@@ -238,6 +241,95 @@ def test_a_worker_that_cannot_be_started_fails_its_task_alone(
     state.close()
 
 
+class Answering:
+    """A worker that answers at once."""
+
+    def __init__(self) -> None:
+        self.killed = False
+
+    def run(self, task: str, *arguments: Any) -> str:
+        return task
+
+    def kill_soon(self) -> None:
+        self.killed = True
+
+    @property
+    def alive(self) -> bool:
+        return True
+
+
+def test_a_worker_is_let_go_of_before_it_is_idle(tmp_path: Path):
+    workers = Pool(tmp_path / "lock", 2**33, 60, keep=1)
+    workers._new = Answering  # pyright: ignore[reportAttributeAccessIssue]
+    told: list[tuple[bool, int]] = []
+    workers.run("x", {}, started=lambda worker: told.append((worker is None, len(workers._idle))))
+    assert (told, len(workers._idle)) == ([(False, 0), (True, 0)], 1)
+
+
+def test_a_worker_that_was_killed_is_not_kept(folder: Path):
+    """The kill is on its way, and the process has not heard of it yet."""
+    state = State(folder / ".service")
+    workers = Pool(state.lock, 2**33, 60, keep=1)
+    known: list[Worker] = []
+
+    def started(worker: Worker | None) -> None:
+        if worker is not None:
+            known.append(worker)
+            worker._process.kill, kill = lambda: None, worker._process.kill
+            worker.kill_soon()
+            worker._process.kill = kill
+
+    with pytest.raises(TaskError, match="the task failed"):
+        workers.run("nothing", {}, started=started)
+    assert not workers._idle and known[0]._process.returncode is not None
+    state.close()
+
+
+def test_cancelling_a_job_whose_worker_is_done_kills_nobody(
+    folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+):
+    worker, done, go_on = Answering(), threading.Event(), threading.Event()
+
+    class Lending(Scripted):
+        def run(self, task: str, arguments: dict[str, Any], **told: Any) -> Any:
+            told["started"](worker)
+            told["started"](None)
+
+    def slow(self: Board, *found: Any) -> bool:
+        done.set()
+        return not go_on.wait(20)
+
+    monkeypatch.setattr(Board, "_overtaken", slow)
+    board = opened()
+    board.runner = replace(board.runner, pool=Lending())  # pyright: ignore[reportArgumentType]
+    job = board.submit(order(folder), None)
+    assert done.wait(20)
+    board.cancel(job["job"])
+    go_on.set()
+    assert ended(board, job)["state"] == "succeeded"
+    assert not worker.killed
+
+
+def test_what_a_worker_said_before_the_end_is_heard_although_it_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its commit is known: nobody is told that nothing was begun."""
+    start, lines = subprocess.Popen, '{"progress": 1}\n{"progress": 2}\n{"result": 3}\n'
+    code = f"import sys, time; sys.stdout.write({lines!r}); sys.stdout.flush(); time.sleep(60)"
+    monkeypatch.setattr(
+        pool.subprocess, "Popen", lambda _, **how: start([sys.executable, "-c", code], **how)
+    )
+    workers, told = Pool(tmp_path, 2**30, 60), list[Any]()
+
+    def report(progress: Any) -> None:
+        told.append(progress)
+        if progress == 1:
+            workers.close()
+
+    assert workers.run("x", {}, report=report) == 3
+    assert told == [1, 2]
+
+
 @pytest.mark.parametrize(
     "line", ['{"progress": {"wh', "{}\n", "[1]\n", "\xff\n", "[" * 10**5 + "\n", ""]
 )
@@ -292,6 +384,80 @@ def test_a_record_with_a_field_of_another_type_is_none(folder: Path, opened: Cal
         assert Journal(path.parent).all() == []
     path.write_text(json.dumps(record))
     assert [each.job for each in Journal(path.parent).all()] == [job]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"body": {}},
+        {"body": {"fitted": {}}},
+        {"body": {"fitted": 3}},
+        {"dataset": "../x"},
+        {"dataset": "nope"},
+        {"run": "../x"},
+        {"run": ""},
+    ],
+)
+@pytest.mark.parametrize("state", ["queued", "running"])
+def test_an_odd_record_of_a_dead_server_fails_alone(
+    state: str, change: dict[str, Any], folder: Path, opened: Callable[..., Board]
+):
+    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    odd, good = dead.submit(order(folder, "vae-9"), None), dead.submit(order(folder, "good"), None)
+    dead.state.release()
+    if "run" not in change and "dataset" not in change:
+        make_run(**_arguments(folder, dead, odd), report=lambda *step: None)
+    path = folder / ".service" / "jobs" / f"{odd['job']}.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change, "state": state}))
+    works = [make_run, make_run] if state == "queued" else [make_run]
+    board = opened(*works)
+    assert ended(board, odd)["state"] == "failed"
+    assert ended(board, good)["state"] == "succeeded"
+    assert Journal(path.parent).read(odd["job"]) is not None
+
+
+def _arguments(folder: Path, board: Board, job: dict[str, Any]) -> dict[str, Any]:
+    record = board.ledger.entries[job["job"]].record
+    known = {"dataset": record.dataset, "version": record.version, "run": record.run}
+    return {"store": str(folder), **known, "body": record.body}
+
+
+def test_whatever_is_raised_while_a_job_is_taken_over_is_the_jobs_alone(
+    folder: Path,
+    opened: Callable[..., Board],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+):
+    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    job = dead.submit(order(folder), None)["job"]
+    dead.state.journal.write(replace(dead.ledger.entries[job].record, state="running"))
+    dead.state.release()
+
+    def odd(*found: Any) -> None:
+        raise ZeroDivisionError("/a/place/on/the/machine")
+
+    monkeypatch.setattr(Runner, "cut_off", odd)
+    with caplog.at_level(logging.ERROR, "ssil_service"):
+        board = opened(running=0)
+    assert board.get(job)["error"] == {
+        "kind": "InternalError",
+        "detail": "the service failed (ZeroDivisionError)",
+    }
+    assert [each.getMessage() for each in caplog.records] == ["job failed"]
+    kept = Journal(folder / ".service" / "jobs").read(job)
+    assert kept is not None and kept.state == "failed"
+
+
+def test_a_queued_job_that_cannot_be_taken_over_is_left_to_the_next_server(
+    folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+):
+    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    job = dead.submit(order(folder), None)
+    dead.state.release()
+    with monkeypatch.context() as patch:
+        refusing(patch, lambda record: True)
+        assert opened().get(job["job"])["state"] == "queued"
+    assert ended(opened(make_run), job)["state"] == "succeeded"
 
 
 def test_the_journal_keeps_the_newest_ended_jobs(
