@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import atexit
-from collections.abc import Iterator
-from concurrent.futures import Future
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread
+from threading import Lock, Thread
 from typing import Any
 
 import httpx
 from starlette.types import ASGIApp, Message
 
-from ssil_data.client import RemoteStore, connect
+from ssil_data.client import RemoteStore, ServiceError, connect
 from ssil_service.app import create_app
 from ssil_service.settings import read_settings
 
@@ -37,6 +37,9 @@ class EmbeddedTransport(httpx.BaseTransport):
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
         self._loop = asyncio.new_event_loop()
+        self._threads = ThreadPoolExecutor(thread_name_prefix="embedded")
+        self._loop.set_default_executor(self._threads)
+        self._asking, self._closed = Lock(), False
         self._thread = Thread(target=self._loop.run_forever, daemon=True, name="embedded")
         self._thread.start()
         self._lifespan = _Lifespan(app)
@@ -48,27 +51,48 @@ class EmbeddedTransport(httpx.BaseTransport):
         atexit.register(self.close)
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
-        """Answer a request; the body of the answer is read as the application sends it."""
+        """Answer a request; the body of the answer is read as the application sends it.
+
+        Raises RemoteProtocolError if it is closed meanwhile, ServiceError if it was before.
+        """
         exchange = _Exchange(request)
-        asyncio.run_coroutine_threadsafe(exchange.run(self._app), self._loop)
+        with self._asking:
+            if self._closed:
+                raise ServiceError("service: expected it open, found it closed")
+            asyncio.run_coroutine_threadsafe(exchange.run(self._app), self._loop)
         status, headers = exchange.started.result()
         stream = _Body(exchange, self._loop)
         return httpx.Response(status, headers=headers, stream=stream, request=request)
 
     def close(self) -> None:
-        """End the application's lifespan and the thread."""
-        if self._loop.is_running():
-            atexit.unregister(self.close)
+        """End the application's lifespan, what is still asked, and the thread."""
+        with self._asking:
+            if self._closed:
+                return
+            self._closed = True
+        atexit.unregister(self.close)
+        try:
             self._wait(self._lifespan.end())
+        finally:
+            self._wait(_cancel_all())
             self._stop()
 
-    def _wait(self, work: Any) -> None:
+    def _wait(self, work: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
     def _stop(self) -> None:
+        self._threads.shutdown()  # before the loop, which is told what they do
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
+
+
+async def _cancel_all() -> None:
+    """End whatever the loop is still at: nobody may wait for it for ever."""
+    left = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in left:
+        task.cancel()
+    await asyncio.gather(*left, return_exceptions=True)
 
 
 class _Lifespan:
@@ -112,7 +136,7 @@ class _Exchange:
 
     def __init__(self, request: httpx.Request) -> None:
         self.started: Future[tuple[int, list[tuple[bytes, bytes]]]] = Future()
-        self.parts: SimpleQueue[bytes | None] = SimpleQueue()
+        self.parts: SimpleQueue[bytes | Exception | None] = SimpleQueue()
         self._body = request.read()
         self._asked = False
         url = request.url
@@ -134,16 +158,17 @@ class _Exchange:
     async def run(self, app: ASGIApp) -> None:
         """Run the application for this request."""
         self._left = asyncio.Event()
+        found = "no end of the answer"
         try:
             await app(self._scope, self._receive, self._send)
         except BaseException as error:
-            if not self.started.done():
-                self.started.set_exception(httpx.RemoteProtocolError(str(error)))
+            found = str(error) or "it closed meanwhile"
             raise
-        finally:
-            self.parts.put(None)
+        finally:  # without effect after a whole answer
+            cut = httpx.RemoteProtocolError(found)
+            self.parts.put(cut)
             if not self.started.done():
-                self.started.set_exception(httpx.RemoteProtocolError("no answer"))
+                self.started.set_exception(cut)
 
     async def _receive(self) -> Message:
         if not self._asked:
@@ -173,6 +198,8 @@ class _Body(httpx.SyncByteStream):
 
     def __iter__(self) -> Iterator[bytes]:
         while (part := self._exchange.parts.get()) is not None:
+            if isinstance(part, Exception):
+                raise part
             yield part
 
     def close(self) -> None:

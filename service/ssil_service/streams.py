@@ -13,7 +13,8 @@ import pyarrow as pa
 
 from ssil_service.problems import Problem
 
-_BATCHES = 4096
+MOST_BATCHES = 4096
+"""Record batches of one stream at most: each costs some, however few rows it has."""
 _HEADER, _ROWS, _COMPRESSION = 2, 0, 3
 
 
@@ -73,10 +74,10 @@ def _refuse_bombs(messages: Iterator[pa.Message], most_rows: int) -> list[pa.Mes
             raise Problem(415, "body: expected uncompressed Arrow buffers, found compressed ones")
         rows += batch.int64(_ROWS)
         batches.append(message)
-        if rows > most_rows or len(batches) > _BATCHES:
+        if rows > most_rows or len(batches) > MOST_BATCHES:
             raise Problem(
                 413,
-                f"body: expected at most {most_rows} rows in {_BATCHES} batches, found more",
+                f"body: expected at most {most_rows} rows in {MOST_BATCHES} batches, found more",
             )
     return batches if plain else None
 

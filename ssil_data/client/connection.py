@@ -21,6 +21,7 @@ from ssil_data.errors import (
 _BUSY = (429, 503)
 _FAULTS: dict[int, type[SsilDataError]] = {404: NotFoundError, 409: ConflictError}
 _SAFE = frozenset({"GET", "HEAD"})
+_MAYBE = "; what was asked may be done: look before asking again"
 
 
 class ServiceError(SsilDataError):
@@ -71,9 +72,10 @@ class Connection:
         An answer that takes `work` is waited for as long as `work_timeout`: the service may go on
         with what its client has given up, so that to give up early says nothing.
 
-        A busy service (429, 503) is asked again after the time it names. A request that may be
-        repeated is sent again when the connection is lost; `repeatable` is true for GET unless
-        given. Raises the error that the library raises for the same mistake, or ServiceError.
+        A busy service (429, 503) is asked again after the time it names: a refusal that names one
+        was made before any work. A request that may be repeated is sent again after any refusal
+        and when the connection is lost; `repeatable` is true for GET unless given. Raises the
+        error that the library raises for the same mistake, or ServiceError.
         """
         repeatable = method in _SAFE if repeatable is None else repeatable
         deadline = time.monotonic() + self.patience.total
@@ -90,8 +92,16 @@ class Connection:
                 answer = self.client.send(request)
                 if answer.status_code not in _BUSY:
                     return _checked(answer)
+                if not (repeatable or "Retry-After" in answer.headers):
+                    raise ServiceError(f"service: {_detail(answer)}{_MAYBE}")
                 failure = ServiceError(f"service: {_detail(answer)}")
                 asked = _retry_after(answer)
+            except RuntimeError:
+                if not self.client.is_closed:
+                    raise
+                raise ServiceError(
+                    "service: expected an open connection, found it closed"
+                ) from None
             except httpx.TransportError as error:
                 unsent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 lost = isinstance(error, httpx.NetworkError | httpx.RemoteProtocolError)
@@ -139,5 +149,5 @@ def _retry_after(answer: httpx.Response) -> float:
 
 def _unreached(client: httpx.Client, error: httpx.TransportError, *, done: bool) -> ServiceError:
     found = str(error) or type(error).__name__
-    rest = "; what was asked may be done: look before asking again" if done else ""
+    rest = _MAYBE if done else ""
     return ServiceError(f"service: expected an answer from {client.base_url}, found {found}{rest}")

@@ -24,6 +24,7 @@ from ssil_data.leverage import Scale
 from ssil_data.rows import VALUES
 from ssil_data.runs import Run
 from ssil_data.scoring import Progress
+from ssil_data.storage import checked_name
 
 
 class RemoteDataset:
@@ -123,14 +124,18 @@ class RemoteDataset:
     def leverage(self, run: str) -> NDArray[np.float32]:
         """Read the leverage that a run gave to every pair, (n,) in [0, 1]."""
         columns = {"columns": "leverage"}
-        return self._table(f"{self.path}/runs/{run}/leverage", columns)["leverage"].to_numpy()
+        return self._table(f"{self.run_path(run)}/leverage", columns)["leverage"].to_numpy()
+
+    def run_path(self, run: str) -> str:
+        """Return where a run is asked for; raises InvalidInputError for what names none."""
+        return f"{self.path}/runs/{checked_name('run', run)}"
 
     def field(self, run: str, *, alpha: float | None = None) -> RemoteField:
         """Return the leverage field of a run over all states, with the run's alpha or another."""
         record = self.runs[run]
         return RemoteField(
             connection=self._connection,
-            path=f"{self.path}/runs/{run}",
+            path=self.run_path(run),
             version=self.version,
             width=len(self.state_names),
             alpha=record.alpha if alpha is None else checked_alpha(alpha),
@@ -140,8 +145,8 @@ class RemoteDataset:
     def model(self, run: str) -> RemoteModel:
         """Return the fitted estimator and scale of a run of any version."""
         record = self.runs.of_any_version(run)
-        path = f"{self.path}/runs/{run}"
-        return RemoteModel(self._connection, path, record, self._limits["query_rows"])
+        most = self._limits["query_rows"]
+        return RemoteModel(self._connection, self.run_path(run), record, most)
 
     def score(
         self,
@@ -246,10 +251,8 @@ class RemoteRuns:
 
     def of_any_version(self, name: str) -> Run:
         """Open a run whose model is to be used, not its values; raises NotFoundError."""
-        if "/" in name:
-            raise NotFoundError(f"run of {self._dataset.name}: found no {name!r}")
-        return Run(**self._connection.json("GET", f"{self._dataset.path}/runs/{name}"))
+        return Run(**self._connection.json("GET", self._dataset.run_path(name)))
 
     def values(self, name: str) -> pa.Table:
         """Read a run's values in the order of the pairs; columns as in `rows.VALUES`."""
-        return self._dataset._table(f"{self._dataset.path}/runs/{name}/leverage", {}).cast(VALUES)
+        return self._dataset._table(f"{self._dataset.run_path(name)}/leverage", {}).cast(VALUES)

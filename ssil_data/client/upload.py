@@ -36,7 +36,8 @@ def episodes_body(
         "action_names": json.dumps(list(action_names)),
         "card": card,
     }
-    return encoded(pa.concat_tables(tables).replace_schema_metadata(metadata)).to_pybytes()
+    rows = pa.concat_tables(tables).combine_chunks()  # or each episode would be a batch
+    return encoded(rows.replace_schema_metadata(metadata)).to_pybytes()
 
 
 def _rows(number: int, episode: Episode) -> pa.Table:

@@ -278,6 +278,71 @@ def test_what_may_not_be_repeated_is_not_sent_twice():
     assert len(seen) == 1
 
 
+@pytest.mark.parametrize("status", [429, 503])
+def test_what_may_not_be_repeated_is_repeated_after_refusals_before_any_work_alone(status: int):
+    begun = httpx.Response(status, json=BUSY, headers={"Retry-After": "0"})
+    store, seen = answering(begun, begun, httpx.Response(204))
+    store.delete("drives")
+    assert len(seen) == 3
+    store, seen = answering(httpx.Response(status, json=BUSY), httpx.Response(204))
+    with pytest.raises(sd.ServiceError, match="busy; what was asked may be done"):
+        store.delete("drives")
+    assert len(seen) == 1
+
+
+def test_an_append_whose_answer_was_held_back_is_made_once(local: sd.Store):
+    """The service has too much to hold for the answer, after the commit."""
+    with embedded(local.folder.uri, jobs=1) as store:
+        names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+        dataset = store.create("once", [drive(0, 5)], **names)
+        client = store.connection.client
+        send = client.send
+
+        def refused(request: httpx.Request) -> httpx.Response:
+            answer = send(request)
+            late = httpx.Response(503, json=BUSY, request=request)
+            return late if request.url.path.endswith("/episodes") else answer
+
+        client.send = refused  # pyright: ignore[reportAttributeAccessIssue]
+        with pytest.raises(sd.ServiceError, match="may be done: look"):
+            dataset.append([drive(1, 5)])
+        assert len(local["once"].episodes) == 2
+        store.delete("once")
+
+
+@pytest.mark.parametrize("name", ["mdn?", "mdn#x", "..", "../../drives", "a/b", "", "mdn%2e"])
+def test_a_name_that_no_run_can_have_is_refused_as_locally(
+    name: str, dataset: RemoteDataset, local: sd.Store
+):
+    here = local["drives"]
+    for ask in ("values", "of_any_version", "__getitem__"):
+        with pytest.raises(sd.InvalidInputError) as expected:
+            getattr(here.runs, ask)(name)
+        with pytest.raises(sd.InvalidInputError) as found:
+            getattr(dataset.runs, ask)(name)
+        assert str(found.value) == str(expected.value)
+    for ask in ("leverage", "field", "model"):
+        with pytest.raises(sd.InvalidInputError, match="run name"):
+            getattr(dataset, ask)(name)
+
+
+def test_many_short_episodes_are_written_at_once(remote: RemoteStore):
+    pair = np.zeros((2, 3)), np.zeros((2, 2))
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    many = [sd.Episode(*pair, labeled=number == 0) for number in range(5_000)]
+    written = remote.create("short", many, **names)
+    assert (len(written.episodes), len(written)) == (5_000, 10_000)
+    assert len(written.append(many).episodes) == 10_000
+    remote.delete("short")
+
+
+def test_a_store_that_is_closed_says_so(local: sd.Store):
+    store = embedded(local.folder.uri, jobs=1)
+    store.close()
+    with pytest.raises(sd.ServiceError, match="expected an open connection, found it closed"):
+        store.names()
+
+
 class Slow(BaseHTTPRequestHandler):
     """A service that takes longer for its work than a client waits for an answer."""
 
