@@ -12,6 +12,7 @@ from typing import Any
 from fastapi import Depends, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from ssil_data.errors import SsilDataError
@@ -27,7 +28,7 @@ from ssil_service.keys import Keys, may_read, may_write
 from ssil_service.metrics import Metrics
 from ssil_service.openapi import allowed, described, problems
 from ssil_service.pool import Pool
-from ssil_service.problems import Problem, of_library, of_validation
+from ssil_service.problems import Problem, of_fault, of_library, of_validation
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
 from ssil_service.routes.parameters import refuse_unknown
 from ssil_service.settings import Settings
@@ -88,7 +89,7 @@ def open_context(app: FastAPI) -> Context:
     )
     board = Board(settings.store, state, fits, settings.jobs, settings.job_queue)
     board.start()
-    app.state.metrics.watch(gate, catalogue.cache)
+    app.state.metrics.watch(gate, texts, catalogue.cache)
     return Context(
         settings, app.state.keys, app.state.metrics, state, catalogue, gate, texts, decoder, board
     )
@@ -131,9 +132,20 @@ async def _http(request: Request, error: Any) -> Response:
     return Problem(error.status_code, detail, headers=headers).response(request.url.path)
 
 
+async def _gone(request: Request, error: Any) -> Response:
+    """Return what nobody hears, and the metrics count as the client's doing."""
+    return Response(status_code=499)
+
+
+async def _fault(request: Request, error: Any) -> Response:
+    return of_fault(error).response(request.url.path)  # the edge logs it
+
+
 _HANDLERS: dict[type[Exception], Any] = {
     Problem: _problem,
     SsilDataError: _library,
     RequestValidationError: _validation,
     HTTPException: _http,
+    ClientDisconnect: _gone,
+    Exception: _fault,
 }

@@ -14,11 +14,11 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ssil_service.context import Context
-from ssil_service.exchange import Exchange, Held
+from ssil_service.exchange import Exchange, Held, SlowError
 from ssil_service.hosts import Hosts
 from ssil_service.logs import told
 from ssil_service.metrics import Metrics
-from ssil_service.problems import Problem, busy
+from ssil_service.problems import Problem, busy, of_fault
 from ssil_service.settings import Settings
 
 _OPEN = ("/healthz", "/readyz", "/v2/health/live", "/v2/health/ready")
@@ -90,7 +90,7 @@ class Edge:
             await self._inner(inner, exchange.receive, exchange.send)
             if exchange.refused is not None:
                 await exchange.answer(exchange.refused)
-        except (ClientDisconnect, TimeoutError):
+        except (ClientDisconnect, SlowError):
             told("gone", request_id=exchange.id)
             await exchange.cut()
         except Problem as problem:
@@ -99,11 +99,9 @@ class Edge:
             if not self._closing:
                 raise
             await self._give_up(exchange)
-        except Exception:
+        except Exception as error:
             told("failed", level=40, trace=True, request_id=exchange.id)
-            await exchange.answer(
-                Problem(500, "service: expected an answer, found a fault of its own")
-            )
+            await exchange.answer(of_fault(error))
         finally:
             places.taken -= 1
             exchange.close()

@@ -29,6 +29,10 @@ _NO_CACHE = (b"cache-control", b"no-cache")
 _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
+class SlowError(TimeoutError):
+    """The client takes an answer too slowly."""
+
+
 class Held:
     """Bytes of bodies and of long answers to questions in memory, all requests together."""
 
@@ -109,7 +113,7 @@ class Exchange:
         return message
 
     async def send(self, message: Message) -> None:
-        """Send a part of the answer; raises TimeoutError for a client that takes too long."""
+        """Send a part of the answer; raises SlowError for a client that takes too long."""
         if self.refused is not None:
             return
         if message["type"] == "http.response.start":
@@ -149,7 +153,7 @@ class Exchange:
         self._sent += len(message.get("body", b""))
         self._waited += time.perf_counter() - begin
         if self._waited > self._settings.send_seconds + self._sent / _SLOWEST:
-            raise TimeoutError
+            raise SlowError
 
     async def answer(self, problem: Problem) -> None:
         """Answer with a problem, if nothing was answered yet."""

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
+from prometheus_client.metrics_core import CounterMetricFamily
+from prometheus_client.registry import Collector
 
 from ssil_service.catalogue import Cache
 from ssil_service.gate import Gate
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"})
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30)
+
+
+class _Counters(Collector):
+    """What others count, read whenever the metrics are asked for."""
+
+    def __init__(self, known: Mapping[str, tuple[str, Callable[[], float]]]) -> None:
+        self._known = known
+
+    def collect(self) -> Iterator[CounterMetricFamily]:
+        """Give every count."""
+        for name, (text, read) in self._known.items():
+            yield CounterMetricFamily(name, text, value=read())
 
 
 class Metrics:
@@ -34,10 +49,10 @@ class Metrics:
         self._jobs = Gauge("ssil_jobs", "Scoring jobs.", ("state",), registry=self.registry)
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Count and time an answer."""
-        key = (method, route, status)
+        """Count and time an answer; methods that clients make up are one, as labels stay."""
+        key = (method if method in _METHODS else "any", route, status)
         if key not in self._known:  # finding the labels takes longer than counting
-            self._known[key] = self._latency.labels(method, route, str(status))
+            self._known[key] = self._latency.labels(*key)
         self._known[key].observe(seconds)
 
     def rows(self, route: str, count: int) -> None:
@@ -61,23 +76,30 @@ class Metrics:
         for state, count in counts.items():
             self._jobs.labels(state).set(count)
 
-    def watch(self, gate: Gate, cache: Cache) -> None:
-        """Read queue and cache whenever the metrics are asked for."""
+    def watch(self, gate: Gate, texts: Gate, cache: Cache) -> None:
+        """Read queues and cache whenever the metrics are asked for."""
         gauges = {
             "ssil_questions_admitted": (
                 "Large questions computed or waiting.",
                 lambda: gate.admitted,
             ),
-            "ssil_questions_refused": ("Large questions refused so far.", lambda: gate.refused),
             "ssil_cache_bytes": (
                 "Memory that cached fields, models and values take.",
                 lambda: cache.bytes,
             ),
             "ssil_cache_entries": ("Cached fields, models and values.", lambda: len(cache)),
-            "ssil_cache_hits": ("Answers from the cache so far.", lambda: cache.hits),
-            "ssil_cache_misses": ("Fields, models and values read so far.", lambda: cache.misses),
         }
         self._gauges(gauges)
+        self.registry.register(
+            _Counters(
+                {
+                    "ssil_questions_refused": ("Large questions refused.", lambda: gate.refused),
+                    "ssil_texts_refused": ("Long JSON refused.", lambda: texts.refused),
+                    "ssil_cache_hits": ("Answers from the cache.", lambda: cache.hits),
+                    "ssil_cache_misses": ("Fields, models and values read.", lambda: cache.misses),
+                }
+            )
+        )
 
     def _gauges(self, gauges: Mapping[str, tuple[str, Callable[[], float]]]) -> None:
         for name, (text, read) in gauges.items():

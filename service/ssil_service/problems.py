@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable, Mapping, Sequence
 from http import HTTPStatus
 from itertools import islice
@@ -98,6 +99,13 @@ def of_library(error: SsilDataError, known: Iterable[str] = ()) -> Problem:
     for place in known:
         detail = detail.replace(place, "the store")
     return Problem(status, detail)
+
+
+def of_fault(error: Exception) -> Problem:
+    """Return what nobody expected as a problem: 507 for a full disk, else 500."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return Problem(507, "service: expected room on the disk, found none")
+    return Problem(500, "service: expected an answer, found a fault of its own")
 
 
 def of_validation(found: Iterable[ErrorDetails | Mapping[str, Any]], where: str) -> Problem:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from ssil_service import exchange
-from ssil_service.exchange import Exchange, Held
+from ssil_service.exchange import Exchange, Held, SlowError
 from ssil_service.settings import Settings
 
 SCOPE = {"type": "http", "method": "GET", "path": "/", "headers": [(b"x-request-id", b"mine")]}
@@ -52,5 +52,5 @@ def test_a_head_is_sent_without_its_body():
 def test_a_client_may_be_slow_but_not_slower_than_the_slowest(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(exchange, "_SLOWEST", 65_536 * 50)  # a part in twenty milliseconds
     assert len(sent(20 * 65_536, seconds=0.01, send_seconds=0.2)) == 21
-    with pytest.raises(TimeoutError):
+    with pytest.raises(SlowError):
         sent(20 * 65_536, seconds=0.06, send_seconds=0.2)
