@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -95,13 +95,16 @@ class ScoreAnswer(BaseModel):
     leverage: list[float]
 
 
+Length = Annotated[int, Field(ge=0, le=2**40)]
+
+
 class Tensor(BaseModel):
     """A tensor of the Open Inference Protocol; `data` in row-major order, flat or nested."""
 
     model_config = ConfigDict(extra="ignore")
 
     name: str
-    shape: list[int] = Field(min_length=1, max_length=2)
+    shape: list[Length] = Field(min_length=1, max_length=2)
     datatype: Literal["FP32", "FP64", "INT64"]
     data: list[Any] | None = None
     parameters: dict[str, Any] = {}

@@ -143,11 +143,15 @@ class Catalogue:
         return self.store.names()
 
     async def field(self, snapshot: Snapshot, run: str, alpha: float | None) -> LeverageField:
-        """Return a run's field."""
+        """Return a run's field; one of another sharpness shares the states of the run's own."""
         record = snapshot.run(run)
-        alpha = record.alpha if alpha is None else alpha
-        key = ("field", snapshot.name, snapshot.version, record.created, run, alpha)
-        return await self._kept(key, lambda: _field(snapshot, run, alpha))
+        key = ("field", snapshot.name, snapshot.version, record.created, run)
+        own: LeverageField = await self._kept(key, lambda: _field(snapshot, run))
+        if alpha in (None, record.alpha):
+            return own
+        found = await self._kept((*key, alpha), lambda: (own.at(alpha), _drawn(own)))
+        self.cache.peek(key)  # so that the one that holds the states is let go of last
+        return found
 
     async def model(self, snapshot: Snapshot, run: str) -> LeverageModel:
         """Return a run's fitted estimator and scale."""
@@ -213,9 +217,14 @@ def _changed(folder: Path, now: float) -> tuple[int, int] | None:
     return None if now - found.st_mtime < _SETTLED else (found.st_ino, found.st_mtime_ns)
 
 
-def _field(snapshot: Snapshot, run: str, alpha: float) -> tuple[LeverageField, int]:
-    field = snapshot.dataset.field(run, alpha=alpha)
+def _field(snapshot: Snapshot, run: str) -> tuple[LeverageField, int]:
+    field = snapshot.dataset.field(run)
     field.lcor(field.states[:1])  # packs the states, so that no question waits for it
     if 0 < int(field.labeled.sum()) < len(field.labeled):
         field.cor(field.states[:1])
-    return field, 3 * field.states.nbytes + 16 * len(field.states)
+    return field, 2 * field.states.nbytes + _drawn(field)
+
+
+def _drawn(field: LeverageField) -> int:
+    """Return the bytes that a field may take for its samples, which it makes for itself."""
+    return field.states.nbytes + 16 * len(field.states)

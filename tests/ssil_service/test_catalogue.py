@@ -1,14 +1,17 @@
 """What is read of the store is kept within bounds, and let go of with its dataset."""
 
 import asyncio
+import os
 import shutil
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from conftest import ACTION_NAMES, STATE_NAMES, drive
+from numpy.testing import assert_array_equal
 from ssil_service import embedded
-from ssil_service.catalogue import Catalogue
+from ssil_service.catalogue import Catalogue, Snapshot
 
 import ssil_data as sd
 from ssil_data.dataset import Dataset
@@ -32,6 +35,60 @@ def test_a_deleted_dataset_gives_its_memory_back(local: sd.Store):
     assert (2 * catalogue.cache.bytes, 2 * len(catalogue.cache)) == (held, values)
     catalogue.remove("others")
     assert (catalogue.cache.bytes, len(catalogue.cache)) == (0, 0)
+
+
+def test_a_change_in_the_same_tick_of_the_clock_is_seen(
+    local: sd.Store, monkeypatch: pytest.MonkeyPatch
+):
+    """A file system may give two changes one time; a second later it would give another."""
+    logs = [Path(local.folder.uri) / "drives" / t / "_delta_log" for t in ("episodes", "leverage")]
+    first = [log.stat().st_mtime_ns for log in logs]
+    catalogue, tick = Catalogue(local, 2**30), max(first) / 1e9
+
+    def seen(after: float) -> Snapshot:
+        monkeypatch.setattr("ssil_service.catalogue.time.time", lambda: tick + after)
+        return asyncio.run(catalogue.snapshot("drives"))
+
+    assert len(seen(0.01).dataset) == 420
+    longer = local["drives"].append([drive(9, 5)])
+    for log, time in zip(logs, first, strict=True):
+        os.utime(log, ns=(time, time))
+    assert seen(0.02).version == longer.version
+    settled = seen(1.0)
+    assert settled.version == longer.version
+    assert seen(2.0) is settled  # and nothing is read again
+
+
+def test_another_alpha_shares_the_states_of_the_runs_own_field(
+    local: sd.Store, states: np.ndarray, monkeypatch: pytest.MonkeyPatch
+):
+    built: list[str] = []
+    field = Dataset.field
+
+    def counted(self: Dataset, run: str, **options: float) -> sd.LeverageField:
+        built.append(run)
+        return field(self, run, **options)
+
+    async def asked(catalogue: Catalogue) -> list[sd.LeverageField]:
+        snapshot = await catalogue.snapshot("drives")
+        return [await catalogue.field(snapshot, "vae", alpha) for alpha in (3.0, None, 7.0, 3.0)]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "field", counted)
+        catalogue = Catalogue(local, 2**30)
+        found = asyncio.run(asked(catalogue))
+        assert built == ["vae"]
+        assert [each.alpha for each in found] == [3, local["drives"].runs["vae"].alpha, 7, 3]
+        assert found[0] is found[3] and found[0].states is found[1].states
+        small = Catalogue(local, catalogue.cache.bytes - 1)
+        asyncio.run(asked(small))
+        assert built == ["vae"] * 2  # what shares the states is let go of before them
+    for alpha, each in ((3.0, found[0]), (7.0, found[2])):
+        expected = local["drives"].field("vae", alpha=alpha)
+        assert_array_equal(each.lcor(states).values, expected.lcor(states).values)
+        assert_array_equal(each.cor(states), expected.cor(states))
+        close = {"tolerance": 0.1, "relative": True}
+        assert_array_equal(each.lcor(states, **close).values, expected.lcor(states, **close).values)
 
 
 @pytest.mark.parametrize("path", ["pairs", "runs/vae/leverage", "card", "versions", ""])

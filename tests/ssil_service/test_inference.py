@@ -5,6 +5,7 @@ import json
 import httpx
 import numpy as np
 import pytest
+from conftest import ACTION_NAMES, STATE_NAMES, drive, drives
 from numpy.testing import assert_array_equal
 
 import ssil_data as sd
@@ -123,6 +124,59 @@ def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
 def test_an_unknown_model_or_version_is_not_found(name: str, asked: httpx.Client):
     assert asked.get(f"v2/models/{name}").status_code == 404
     assert asked.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
+
+
+def test_a_version_that_is_named_is_answered_however_the_dataset_has_grown(
+    http: httpx.Client, local: sd.Store, states: np.ndarray
+):
+    before, body = local["drives"], {"inputs": [tensor("states", states)]}
+    before.append([drive(9, 50)])
+    pinned = f"{LCOR}/versions/{before.version}"
+    assert http.get(pinned).json()["versions"] == [before.version]
+    answer = http.post(f"{pinned}/infer", json=body).json()
+    assert answer["model_version"] == before.version
+    assert_array_equal(answer["outputs"][0]["data"], before.field("vae").lcor(states).values)
+    for path in (LCOR, f"{LCOR}/ready"):
+        assert http.get(path).status_code == 409
+    assert http.post(f"{LCOR}/infer", json=body).status_code == 409
+    assert http.get("v2/models/drives.vae/ready").status_code == 200  # a model scores any pairs
+    newest = local["drives"].version
+    assert http.get(f"{LCOR}/versions/{newest}").status_code == 404
+
+
+def test_a_name_with_two_meanings_is_refused_unless_its_version_tells_which(
+    http: httpx.Client, local: sd.Store
+):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    quick = sd.VAE(steps=2)
+    one = local.create("a", drives(), **names)
+    other = local.create("a.b", drives()[:-1], **names)
+    for dataset, run in ((one, "b.c"), (other, "c"), (one, "r"), (one, "r.lcor"), (one, "x.cor")):
+        sd.score(dataset, quick, run=run)
+    for name, meanings in (
+        ("a.b.c", "run b.c of a and run c of a.b"),
+        ("a.b.c.cor", "run b.c of a and run c of a.b"),
+        ("a.r.lcor", "run r of a and run r.lcor of a"),
+    ):
+        answer = http.get(f"v2/models/{name}")
+        assert answer.status_code == 409
+        assert answer.json()["error"].endswith(f"found {meanings}")
+    for dataset in (one, other):
+        path = f"v2/models/a.b.c/versions/{dataset.version}"
+        assert http.get(path).json()["versions"] == [dataset.version]
+    assert http.get(f"v2/models/a.r.lcor/versions/{one.version}").status_code == 409
+    found = http.get("v2/models/a.x.cor").json()
+    assert [each["name"] for each in found["outputs"]] == ["uncertainty", "leverage"]
+
+
+@pytest.mark.parametrize("size", ["9" * 3000, "9" * 9000, str(2**41), "-1"], ids=len)
+def test_a_huge_shape_is_refused_without_an_echo(size: str, asked: httpx.Client):
+    tensor = f'{{"name": "states", "shape": [1, {size}], "datatype": "FP32", "data": [1]}}'
+    headers = {"Content-Type": "application/json"}
+    content = f'{{"inputs": [{tensor}]}}'
+    answer = asked.post(f"{LCOR}/infer", content=content, headers=headers)
+    assert answer.status_code == 422
+    assert len(answer.content) < 600
 
 
 @pytest.mark.parametrize("number", [2**63, 2**64 + 1, -(2**63) - 1, True, 1.0])

@@ -1,11 +1,15 @@
 """The Open Inference Protocol, version 2: fitted estimators and fields as models.
 
 `<dataset>.<run>` gives the uncertainty and leverage of pairs; `<dataset>.<run>.lcor` and
-`….cor` answer for states. A model's version is that of the dataset that its run was made from.
+`….cor` answer for states. A model's version is that of the dataset that its run was made from:
+one that is named is answered however the dataset has grown since. Names may contain dots: a model's
+name that can be read in two ways is refused, unless the version tells which is meant.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -16,7 +20,7 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_data.demonstrations import Pairs
-from ssil_data.errors import NotFoundError
+from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_service import tensors
 from ssil_service.answers import (
     InferenceAnswer,
@@ -71,9 +75,11 @@ async def server(request: Request) -> Response:
     return _json({"name": "ssil-data", "version": version("ssil-data"), "extensions": extensions})
 
 
-@router.get("/models/{model}", response_model=ModelMetadata, responses=problems(404, 422))
+@router.get("/models/{model}", response_model=ModelMetadata, responses=problems(404, 409, 422))
 @router.get(
-    "/models/{model}/versions/{version}", response_model=ModelMetadata, responses=problems(404, 422)
+    "/models/{model}/versions/{version}",
+    response_model=ModelMetadata,
+    responses=problems(404, 409, 422),
 )
 async def metadata(
     request: Request, model: ModelName, version: ModelVersion | None = None
@@ -99,9 +105,11 @@ async def metadata(
     )
 
 
-@router.get("/models/{model}/ready", response_model=Ready, responses=problems(404, 422))
+@router.get("/models/{model}/ready", response_model=Ready, responses=problems(404, 409, 422))
 @router.get(
-    "/models/{model}/versions/{version}/ready", response_model=Ready, responses=problems(404, 422)
+    "/models/{model}/versions/{version}/ready",
+    response_model=Ready,
+    responses=problems(404, 409, 422),
 )
 async def model_ready(
     request: Request, model: ModelName, version: ModelVersion | None = None
@@ -154,31 +162,53 @@ async def infer(
     )
 
 
+@dataclass(frozen=True)
 class _Model:
-    """A model by its name: a run of a dataset, and what of it is asked."""
+    """A run of a dataset, what of it is asked, and the version that it was made from."""
 
-    def __init__(self, snapshot: Snapshot, run: str, kind: str) -> None:
-        self.snapshot, self.run, self.kind = snapshot, run, kind
-        record = snapshot.run(run) if kind else snapshot.run_of_any_version(run)
-        self.version = record.dataset_version
+    snapshot: Snapshot
+    run: str
+    kind: str
+    version: str
 
 
 async def _found(here: Context, model: str, version: str | None) -> _Model:
-    """Find the dataset and the run of a name, either of which may contain dots."""
+    """Return what a name means; raises NotFoundError, or ConflictError for two meanings."""
+    readings = [await _read(here, *reading, version) for reading in _readings(model)]
+    found = [each for each in readings if each is not None]
+    if not found:
+        raise NotFoundError("model: expected <dataset>.<run>, ….lcor or ….cor, found another")
+    if len(found) > 1:
+        names = " and ".join(f"run {each.run} of {each.snapshot.name}" for each in found[:2])
+        raise ConflictError(f"model: expected a name with one meaning, found {names}")
+    (only,) = found
+    if only.kind and version is None:
+        only.snapshot.run(only.run)  # a field is of the newest version unless one is named
+    return only
+
+
+def _readings(model: str) -> Iterator[tuple[str, str, str]]:
+    """Give every dataset, run and kind that a name may mean."""
     base, _, last = model.rpartition(".")
-    readings = [(model, "")]
-    if last in _KINDS and "." in base:
-        readings.insert(0, (base, last))
-    for name, kind in readings:
+    for name, kind in [(base, last), (model, "")] if last in _KINDS else [(model, "")]:
         for dot in [place for place, letter in enumerate(name) if letter == "."]:
-            dataset, run = name[:dot], name[dot + 1 :]
-            try:
-                found = _Model(await here.catalogue.snapshot(dataset), run, kind)
-            except NotFoundError:
-                continue
-            if version in (None, found.version):
-                return found
-    raise NotFoundError("model: expected <dataset>.<run>, ….lcor or ….cor, found another")
+            yield name[:dot], name[dot + 1 :], kind
+
+
+async def _read(
+    here: Context, dataset: str, run: str, kind: str, version: str | None
+) -> _Model | None:
+    """Return a model if there is one that is meant so."""
+    try:
+        snapshot = await here.catalogue.snapshot(dataset)
+        made_from = snapshot.run_of_any_version(run).dataset_version
+        if version not in (None, made_from):
+            return None
+        if version is not None:
+            snapshot = await here.catalogue.snapshot(dataset, version)
+        return _Model(snapshot, run, kind, made_from)
+    except (NotFoundError, InvalidInputError):
+        return None
 
 
 async def _outputs(here: Context, model: _Model, inputs: dict[str, np.ndarray]) -> dict[str, Any]:
