@@ -163,7 +163,7 @@ def test_differences_below_the_margin_are_ties_whatever_their_support():
 def test_a_size_beyond_the_highest_score_of_the_table_is_told_and_changes_no_verdict():
     rule = Exceeds("t", 100, "a", "b", 3.0)
     found = rule(numbers(HIGH, LOW))
-    assert found.by.endswith("ceiling: claimed are 1.500, the highest score is 1.020")
+    assert found.by.endswith("ceiling: as much would be 1.500, the highest score is 1.020")
     scores = {**numbers(HIGH, LOW).scores, ("t", 300, "c"): np.array([1.6])}
     other = {**numbers(HIGH, LOW).scores, ("u", 300, "c"): np.array([1.6])}
     assert "ceiling" not in rule(Numbers(scores)).by

@@ -66,7 +66,7 @@ def curves(table: Table, results: Results) -> Spec:
 
 
 def finals(table: Table, results: Results) -> Spec:
-    """Draw interquartile means of final scores with their intervals, and the paper's means."""
+    """Draw interquartile means of final scores with their intervals, and the paper's numbers."""
     rows = []
     for labels in table.labels:
         for row in table.rows:
@@ -90,7 +90,7 @@ def finals(table: Table, results: Results) -> Spec:
         x="paper:Q", tooltip=[alt.Tooltip("paper:Q", title="Paper", format=".3f")]
     )
     chart = _faceted(alt.layer(interval, middle, published), table, "finals", height=210)
-    text = "Final scores: interquartile mean and 95 % interval; diamonds are the paper's means"
+    text = "Final scores: interquartile mean and 95 % interval; diamonds are the paper's"
     return finished(chart.properties(title=title(text)), {"finals": rows})
 
 

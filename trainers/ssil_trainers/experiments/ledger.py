@@ -96,7 +96,7 @@ class Exceeds:
         found = _verdict(float(better.mean() - worse.mean()), higher, as_much, by)
         needed, top = self.factor * float(worse.mean()), numbers.highest(self.table)
         if found.verdict is not Verdict.REPRODUCED and needed > top:
-            ceiling = f"ceiling: claimed are {needed:.3f}, the highest score is {top:.3f}"
+            ceiling = f"ceiling: as much would be {needed:.3f}, the highest score is {top:.3f}"
             return Judged(found.verdict, f"{found.by}; {ceiling}")
         return found
 

@@ -39,7 +39,8 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
     made_by = {
         **{f"{name}, version": version for name, version in settings["versions"].items()},
         **{f"dataset {name}, version": version for name, version in settings["datasets"].items()},
-        "code": settings["code"],
+        "code, digest": settings["code"],
+        "commit, when the page was made": settings["commit"] or "not of a checkout",
         "processor": f"{processor['name']}: {' '.join(processor['features'])}",
     }
     files["index.html"] = page(
@@ -73,6 +74,7 @@ def _settings(plan: Plan) -> dict[str, Any]:
         "datasets": {name: plan.source[name].version for name in sorted(filter(None, names))},
         "versions": identity.versions(),
         "code": identity.code(),
+        "commit": identity.commit(),
         "processor": identity.processor(),
     }
 
