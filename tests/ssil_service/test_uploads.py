@@ -1,6 +1,7 @@
 """Uploads: Parquet and Arrow from anybody become datasets whole, or not at all."""
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
 import httpx
@@ -8,9 +9,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from conftest import ACTION_NAMES, STATE_NAMES, drive
+from ssil_service import tasks
+from ssil_service.streams import MOST_BATCHES
 
 import ssil_data as sd
+from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW, PARQUET, encoded, rows_of_matrix
+from ssil_data.dataset import Dataset
 
 TABLE = pa.table(
     {
@@ -90,6 +96,46 @@ def test_a_taken_name_is_refused(http: httpx.Client):
     assert answer.status_code == 409
 
 
+def test_a_dataset_is_not_deleted_while_it_is_appended_to(
+    local: sd.Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    append = Dataset.append
+
+    def slow(self: Dataset, episodes: Iterable[sd.Episode]) -> Dataset:
+        with pytest.raises(sd.ConflictError, match="writing to it"):
+            local.delete("drives")
+        return append(self, episodes)
+
+    monkeypatch.setattr(Dataset, "append", slow)
+    source = tmp_path / "body"
+    source.write_bytes(episodes_body([drive(9, 5)], STATE_NAMES, ACTION_NAMES, ""))
+    version = tasks.upload(
+        store=str(local.folder.uri),
+        dataset="drives",
+        source=str(source),
+        media=ARROW,
+        append=True,
+        layout={},
+        file="upload",
+        most_rows=100,
+        report=lambda *step: None,
+    )
+    assert local["drives"].version == version
+    local.delete("drives")
+
+
+def test_as_many_batches_are_taken_as_are_told_and_no_more(http: httpx.Client):
+    def body(batches: int) -> bytes:
+        part = pa.table({"state": rows_of_matrix(np.ones((1, 3), np.float32))})
+        return encoded(pa.concat_tables([part] * batches)).to_pybytes()
+
+    path, headers = "v1/datasets/drives/runs/vae/lcor", {"Content-Type": ARROW}
+    assert http.post(path, content=body(MOST_BATCHES), headers=headers).status_code == 200
+    refused = http.post(path, content=body(MOST_BATCHES + 1), headers=headers)
+    assert refused.status_code == 413
+    assert f"{MOST_BATCHES} batches" in refused.json()["detail"]
+
+
 def test_other_dimensions_are_not_appended(http: httpx.Client):
     headers = {"Content-Type": ARROW}
     url = "v1/datasets/drives/episodes"
@@ -132,3 +178,35 @@ def test_metadata_that_names_nothing_is_refused(http: httpx.Client):
         headers = {"Content-Type": ARROW}
         answer = http.put("v1/datasets/odd", content=encoded(table).to_pybytes(), headers=headers)
         assert answer.status_code == 422
+
+
+def test_changes_meant_for_another_version_are_refused(http: httpx.Client, local: sd.Store):
+    headers = {"Content-Type": ARROW}
+    body = episodes_body([drive(0, 5)], STATE_NAMES, ACTION_NAMES, "")
+    path, more = "v1/datasets/drives", "v1/datasets/drives/episodes"
+    tag = http.get(path).headers["etag"]
+    for known in ('"other"', f"W/{tag}"):
+        old = {**headers, "If-Match": known}
+        assert http.delete(path, headers=old).status_code == 412
+        assert http.post(more, content=body, headers=old).status_code == 412
+    new = {**headers, "If-Match": tag}
+    assert http.put("v1/datasets/new", content=body, headers=new).status_code == 412
+    assert http.post(more, content=body, headers=new).status_code == 201
+    assert http.delete(path, headers=new).status_code == 412  # it has grown
+    several = [("If-Match", '"other"'), ("If-Match", http.get(path).headers["etag"])]
+    assert http.delete(path, headers=several).status_code == 204
+    assert local.names() == []
+
+
+def test_a_key_that_no_upload_remembers_is_refused(http: httpx.Client, local: sd.Store):
+    headers = {"Content-Type": ARROW, "Idempotency-Key": "once"}
+    body = episodes_body([drive(0, 5)], STATE_NAMES, ACTION_NAMES, "")
+    version = local["drives"].version
+    for answer in (
+        http.post("v1/datasets/drives/episodes", content=body, headers=headers),
+        http.put("v1/datasets/new", content=body, headers=headers),
+        http.delete("v1/datasets/drives", headers=headers),
+    ):
+        assert answer.status_code == 422
+        assert "Idempotency-Key" in answer.json()["detail"]
+    assert (local.names(), local["drives"].version) == (["drives"], version)
