@@ -89,9 +89,20 @@ def open_context(app: FastAPI) -> Context:
     )
     board = Board(settings.store, state, fits, settings.jobs, settings.job_queue)
     board.start()
+    local = catalogue.store.folder.local
+    home = local if local is not None and local.is_dir() else None
     app.state.metrics.watch(gate, texts, catalogue.cache)
     return Context(
-        settings, app.state.keys, app.state.metrics, state, catalogue, gate, texts, decoder, board
+        settings,
+        app.state.keys,
+        app.state.metrics,
+        state,
+        catalogue,
+        gate,
+        texts,
+        decoder,
+        board,
+        home,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeVar
 
 from fastapi import Request
@@ -38,6 +39,8 @@ class Context:
     texts: Gate
     decoder: Decoder
     board: Board
+    home: Path | None
+    """The folder that the store was in when the service began."""
     batching: Batching = field(default_factory=lambda: Batching(INLINE))
     closing: bool = False
     _deadline: float | None = None

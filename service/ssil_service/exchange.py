@@ -87,7 +87,8 @@ class Exchange:
 
     def refuse_large(self) -> None:
         """Raise a Problem for a body that says that it is too large."""
-        if self._length.isdigit() and int(self._length) > self._most:
+        digits = self._length.lstrip(b"0")
+        if digits.isdigit() and (len(digits) > 18 or int(digits) > self._most):
             raise self._too_large()
 
     async def receive(self) -> Message:

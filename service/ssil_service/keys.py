@@ -77,6 +77,8 @@ def _digest(name: str, key: str) -> bytes:
         if len(digest) != 32:
             raise InvalidInputError(f"{name}: expected {_HASHED} and 64 hexadecimal digits")
         return digest
+    if not (key.isascii() and key.isprintable()):  # a header could not bring it
+        raise InvalidInputError(f"{name}: expected printable ASCII, found other characters")
     if len(key) < 16:
         raise InvalidInputError(f"{name}: expected at least 16 characters, found {len(key)}")
     return hashlib.sha256(key.encode()).digest()
@@ -84,13 +86,13 @@ def _digest(name: str, key: str) -> bytes:
 
 async def _given(
     request: Request,
-    bearer: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
-    header: Annotated[str | None, Security(_header)],
+    _one: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
+    _other: Annotated[str | None, Security(_header)],
 ) -> list[str]:
-    """Return the keys of a request; credentials of another kind are a key that is none."""
-    other = "authorization" in request.headers and bearer is None
-    keys = [header, bearer.credentials if bearer else None, "" if other else None]
-    return [key for key in keys if key is not None]
+    """Return all keys of a request; credentials of another kind are a key that is none."""
+    credentials = (given.partition(" ") for given in request.headers.getlist("authorization"))
+    bearers = [key.strip() if kind.lower() == "bearer" else "" for kind, _, key in credentials]
+    return [*request.headers.getlist("x-api-key"), *bearers]
 
 
 # asynchronous, all three: FastAPI would run others in threads

@@ -21,7 +21,7 @@ BULK = (JSON, ARROW, PARQUET)
 
 def wanted(request: Request, offered: tuple[str, ...] = BULK) -> str:
     """Return the offered media type that the request prefers; raises a Problem with 406."""
-    chosen = _preferred(request.headers.get("accept", "*/*"), offered)
+    chosen = _preferred(",".join(request.headers.getlist("accept")), offered)
     if chosen is None:
         raise Problem(406, f"Accept: expected one of {', '.join(offered)}, found none of them")
     return chosen

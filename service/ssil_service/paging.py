@@ -13,6 +13,7 @@ from ssil_data.client.wire import JSON
 from ssil_service.context import context
 from ssil_service.intake import off_loop
 from ssil_service.negotiation import table_response
+from ssil_service.problems import Problem
 
 _CELLS = {JSON: 2**17}
 _CELLS_OF_OTHERS = 2**24
@@ -55,8 +56,23 @@ def tag_of(*parts: object) -> str:
 
 def unchanged(request: Request, tag: str) -> Response | None:
     """Return 304 if the client has what the tag names."""
-    known = request.headers.get("if-none-match", "").strip()
-    tags = [each.strip().removeprefix("W/") for each in known.split(",")]
-    if known == "*" or tag in tags:
+    known = _listed(request, "if-none-match")
+    if known == ["*"] or tag in [each.removeprefix("W/") for each in known]:
         return Response(status_code=304, headers={"ETag": tag})
     return None
+
+
+def refuse_unmatched(request: Request, tag: str | None) -> None:
+    """Raise a Problem with 412 if the change is meant for what has another tag, or for anything.
+
+    None is the tag of what is not there (RFC 9110, 13.1.1).
+    """
+    known = _listed(request, "if-match")
+    if known and (tag is None or (known != ["*"] and tag not in known)):
+        raise Problem(412, "If-Match: expected the newest version's ETag, found another")
+
+
+def _listed(request: Request, name: str) -> list[str]:
+    """Return what a header lists, on one line or several."""
+    lines = request.headers.getlist(name)
+    return [each.strip() for each in ",".join(lines).split(",")] if lines else []

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import signal
+import socket
+from pathlib import Path
+from tempfile import TemporaryFile
 from types import FrameType
 from typing import Annotated
 
 import uvicorn
 from cyclopts import Parameter
 
+from ssil_data.errors import InvalidInputError
 from ssil_service.edge import Edge
 from ssil_service.keys import refuse_open_doors
 from ssil_service.logs import start_logging
@@ -24,7 +28,8 @@ def serve(*, settings: Annotated[Settings | None, Parameter(name="*")] = None) -
     """
     settings = settings or read_settings()
     refuse_open_doors(settings)
-    _ = settings.state_folder
+    _refuse_no_place(settings.state_folder)
+    _refuse_taken_port(settings.host, settings.port)
     from ssil_service.app import create_app  # only now: a refusal waits for no torch
 
     start_logging(settings.log_level)
@@ -33,6 +38,34 @@ def serve(*, settings: Annotated[Settings | None, Parameter(name="*")] = None) -
     server = _Server(create_app(settings), settings)
     server.run()
     return 0 if server.started else 2
+
+
+def _refuse_no_place(folder: Path) -> None:
+    """Raise InvalidInputError if the state cannot be kept in a folder."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InvalidInputError(
+            f"state: expected a folder to write to, found {folder}: {error.strerror}"
+        ) from None
+
+
+def _refuse_taken_port(host: str, port: int) -> None:
+    """Raise InvalidInputError if nobody can listen there."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, kind, protocol, _, address in found:
+            with socket.socket(family, kind, protocol) as tried:
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                if family == socket.AF_INET6:
+                    tried.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+                tried.bind(address)
+    except OSError as error:
+        raise InvalidInputError(
+            f"port: expected a free one of this machine, found {host} {port}: {error.strerror}"
+        ) from None
 
 
 class _Server(uvicorn.Server):

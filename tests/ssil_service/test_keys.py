@@ -52,7 +52,9 @@ def test_a_key_may_be_given_as_its_digest():
     assert keys.may(digest, write=False) == (False, False)
 
 
-@pytest.mark.parametrize("key", ["short", "sha256:abc", "sha256:" + "0" * 63])
+@pytest.mark.parametrize(
+    "key", ["short", "sha256:abc", "sha256:" + "0" * 63, "schlüssel-schlüssel"]
+)
 def test_a_short_or_odd_key_is_refused_without_being_told(key: str):
     with pytest.raises(InvalidInputError) as refusal:
         Keys.of(Settings(write_key=key))  # pyright: ignore
@@ -79,6 +81,20 @@ def test_two_keys_are_refused_if_one_is_wrong(folder: Path):
         assert status(READ_KEY, WRITE_KEY) == 200
         assert status(READ_KEY, "wrong") == 401
         assert status("wrong", READ_KEY) == 401
+
+
+def test_every_key_of_a_repeated_header_is_looked_at(folder: Path):
+    with embedded(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
+        http = store.connection.client
+
+        def status(name: str, *keys: str) -> int:
+            return http.get("v1/datasets", headers=[(name, key) for key in keys]).status_code
+
+        assert status("X-API-Key", READ_KEY, WRITE_KEY) == 200
+        assert status("X-API-Key", READ_KEY, "wrong") == 401
+        assert status("X-API-Key", "wrong", READ_KEY) == 401
+        assert status("Authorization", f"Bearer {READ_KEY}", "Bearer wrong") == 401
+        assert status("Authorization", f"Bearer {READ_KEY}", f"Basic {READ_KEY}") == 401
 
 
 def test_workers_do_not_inherit_the_keys(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

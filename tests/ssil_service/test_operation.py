@@ -117,3 +117,13 @@ def test_a_new_run_is_seen_without_restart(http: httpx.Client, local):
     assert http.get("v1/datasets/drives").json()["version"] != before
     assert http.post(LCOR, json=BODY).status_code == 409
     assert http.post(LCOR, params={"version": before}, json=BODY).status_code == 200
+
+
+def test_a_store_that_was_moved_away_is_not_ready(http: httpx.Client, folder: Path):
+    assert http.get("readyz").status_code == 200
+    folder.rename(folder.parent / "elsewhere")
+    for path in ("readyz", "v2/health/ready"):
+        assert http.get(path).status_code == 503
+    assert http.get("healthz").status_code == 200
+    (folder.parent / "elsewhere").rename(folder)
+    assert http.get("readyz").status_code == 200

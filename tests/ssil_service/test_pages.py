@@ -32,3 +32,16 @@ def test_leverage_is_asked_by_episode_and_steps_and_page(http: httpx.Client):
     assert "offset=100" in following
     page = http.get(following).json()
     assert (page["offset"], len(page["leverage"]), "step" in page) == (100, 100, False)
+
+
+def test_headers_on_several_lines_are_one_list(http: httpx.Client):
+    path = "v1/datasets/drives"
+    tag = http.get(path).headers["etag"]
+    tags = [("If-None-Match", tag), ("If-None-Match", '"other"')]
+    assert http.get(path, headers=tags).status_code == 304
+    assert http.get(path, headers=tags[::-1]).status_code == 304
+    kinds = [("Accept", "text/html"), ("Accept", "application/json")]
+    assert http.get(path, headers=kinds).status_code == 200
+    assert http.get(path, headers=kinds[::-1]).status_code == 200
+    del http.headers["Accept"]
+    assert http.get(path, headers=kinds[:1]).status_code == 406

@@ -7,7 +7,7 @@ import asyncio
 from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
-from ssil_service.context import context
+from ssil_service.context import Context, context
 from ssil_service.intake import RUN_BYTES
 from ssil_service.metrics import CONTENT_TYPE
 from ssil_service.openapi import problems
@@ -37,8 +37,13 @@ async def refuse_unready(request: Request) -> None:
     here = context(request)
     if here.closing:
         raise busy(503, "service: expected it ready, found it shutting down", 1)
-    if not await asyncio.to_thread(here.catalogue.ready):
+    if not await asyncio.to_thread(_stands, here):
         raise busy(503, "service: expected it ready, found no readable store", 1)
+
+
+def _stands(here: Context) -> bool:
+    """Tell whether the store is where it was, and readable; one moved away is not an empty one."""
+    return (here.home is None or here.home.is_dir()) and here.catalogue.ready()
 
 
 @router.get(

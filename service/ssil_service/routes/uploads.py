@@ -9,18 +9,20 @@ from fastapi import APIRouter, Depends, Query, Request
 from pydantic_core import to_json
 from starlette.responses import Response
 
-from ssil_data.client.wire import ARROW, JSON, PARQUET
+from ssil_data.client.wire import ARROW, IDEMPOTENCY, JSON, PARQUET
 from ssil_data.errors import ConflictError
 from ssil_service.context import context
 from ssil_service.intake import media_type
 from ssil_service.openapi import problems, upload_body
+from ssil_service.paging import refuse_unmatched, tag_of
+from ssil_service.problems import Problem
 from ssil_service.routes.datasets import summary
 from ssil_service.routes.parameters import DatasetName
 from ssil_service.schemas import DatasetSummary
 
 writing = APIRouter(prefix="/v1/datasets/{dataset}", tags=["datasets"])
 
-_PROBLEMS = problems(408, 409, 413, 415, 422)
+_PROBLEMS = problems(408, 409, 412, 413, 415, 422)
 _WRITTEN: dict[str, Any] = {
     "status_code": 201,
     "response_model": DatasetSummary,
@@ -70,6 +72,8 @@ Layouts = Annotated[Layout, Depends()]
 @writing.put("", responses=_PROBLEMS, **_WRITTEN)
 async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
     """Write a new dataset from a Parquet or Arrow body; it appears whole or not at all."""
+    _refuse_key(request)
+    refuse_unmatched(request, None)
     media = media_type(request, (ARROW, PARQUET))
     here = context(request)
     if dataset in await asyncio.to_thread(here.catalogue.names):
@@ -79,17 +83,32 @@ async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Res
 
 @writing.post("/episodes", responses={**_PROBLEMS, **problems(404)}, **_WRITTEN)
 async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
-    """Add the episodes of a Parquet or Arrow body: the dataset's next version."""
+    """Add the episodes of a Parquet or Arrow body: the dataset's next version.
+
+    With `If-Match`, the ETag of the dataset, only to the version that has it.
+    """
+    _refuse_key(request)
     media = media_type(request, (ARROW, PARQUET))
-    await context(request).catalogue.snapshot(dataset)
+    snapshot = await context(request).catalogue.snapshot(dataset)
+    refuse_unmatched(request, tag_of(summary(snapshot)))
     return await _written(request, dataset, layout, media, append=True)
 
 
-@writing.delete("", status_code=204, responses=problems(404, 409, 422))
+@writing.delete("", status_code=204, responses=problems(404, 409, 412, 422))
 async def delete(request: Request, dataset: DatasetName) -> Response:
-    """Delete a dataset with its runs."""
+    """Delete a dataset with its runs; with `If-Match`, its ETag, only if it is still that."""
+    _refuse_key(request)
+    if "if-match" in request.headers:  # a damaged one can be deleted without being read
+        snapshot = await context(request).catalogue.snapshot(dataset)
+        refuse_unmatched(request, tag_of(summary(snapshot)))
     await asyncio.to_thread(context(request).catalogue.remove, dataset)
     return Response(status_code=204)
+
+
+def _refuse_key(request: Request) -> None:
+    """Raise a Problem for a promise that is not kept here: repeated, an upload is done twice."""
+    if IDEMPOTENCY in request.headers:
+        raise Problem(422, f"{IDEMPOTENCY}: expected none, as only runs remember it, found one")
 
 
 async def _written(
