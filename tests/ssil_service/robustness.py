@@ -1,4 +1,4 @@
-"""Strangers and power cuts, many of them: mutated bodies, and kills during jobs and uploads.
+"""Strangers and power cuts, many of them: mutated bodies, and kills during jobs and writes.
 
     python tests/ssil_service/robustness.py mutations 10000
     python tests/ssil_service/robustness.py kills 50
@@ -26,6 +26,7 @@ import pyarrow.parquet as pq
 from ssil_service.launching import Server, launched
 
 import ssil_data as sd
+from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW, PARQUET, encoded, rows_of_matrix
 
 NAMES = {"state_names": ["x", "y", "z"], "action_names": ["a", "b"]}
@@ -151,19 +152,21 @@ def mutations(count: int) -> list[str]:
 
 
 _FLAGS = ("--jobs", "1", "--job-queue", "1")
+_LONG = 500
 
 
 class Load:
-    """Clients that upload datasets and start jobs, and remember what was acknowledged."""
+    """Clients that upload, append and start jobs, and remember what was acknowledged."""
 
     def __init__(self, server: Server, round_number: int) -> None:
         self.uploaded: list[str] = []
+        self.appended: list[str] = []
         self.finished: list[tuple[str, str]] = []
         self.accepted: list[str] = []
         self.warm = threading.Event()
         self._stop = threading.Event()
         self._server, self._round = server, round_number
-        work = (self._upload, self._score, self._watch)
+        work = (self._upload, self._append, self._score, self._watch)
         self._threads = [threading.Thread(target=each, daemon=True) for each in work]
         for thread in self._threads:
             thread.start()
@@ -189,6 +192,22 @@ class Load:
                 if answer.status_code == 201:
                     self.uploaded.append(name)
                     self.warm.set()
+
+    def _append(self) -> None:
+        number = 0
+        with httpx.Client(base_url=self._server.url, timeout=30) as http:
+            while not self._stop.is_set():
+                added = appended(self._round, number)
+                body = episodes_body([added], NAMES["state_names"], NAMES["action_names"], "")
+                number += 1
+                try:
+                    answer = http.post(
+                        "v1/datasets/grows/episodes", content=body, headers={"Content-Type": ARROW}
+                    )
+                except httpx.HTTPError:
+                    return
+                if answer.status_code == 201:
+                    self.appended.append(str(added.source))
 
     def _score(self) -> None:
         body, number = {"estimator": {"kind": "vae", "steps": 5}}, 0
@@ -217,15 +236,23 @@ class Load:
                 time.sleep(0.05)
 
 
+def appended(round_number: int, number: int) -> sd.Episode:
+    """Return an episode that is told from all others by its source and by each of its pairs."""
+    states = np.full((_LONG, 3), (round_number, number, 0.5))
+    return sd.Episode(states, states[:, :2], source=f"{round_number} {number}")
+
+
 def kills(rounds: int) -> list[str]:
     """Kill a service under load, again and again; return what was lost or torn."""
     chance, wrong, done = random.Random(0), [], Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         store = small_store(Path(folder) / "store")
+        sd.Store(store).create("grows", [appended(0, 0)], **NAMES)
         uploaded: set[str] = set()
+        added = Counter[str]()
         accepted: set[str] = set()
         finished: set[str] = set()
-        for number in range(rounds):
+        for number in range(1, rounds + 1):
             server = launched(store, *_FLAGS, log=Path(folder) / "log")
             with httpx.Client(base_url=server.url, timeout=30) as http:
                 known = {job["job"] for job in http.get("v1/jobs").json()["jobs"]}
@@ -237,15 +264,19 @@ def kills(rounds: int) -> list[str]:
             server.kill()
             load.stop()
             uploaded |= set(load.uploaded)
+            added.update(load.appended)
             accepted |= set(load.accepted)
             finished |= {run for _, run in load.finished}
-            wrong += [f"round {number}: {each}" for each in seen_wrong(store, uploaded, finished)]
+            found = [*seen_wrong(store, uploaded, finished), *grown_wrong(store, added)]
+            wrong += [f"round {number}: {each}" for each in found]
             done += Counter(uploads=len(load.uploaded), jobs=len(load.accepted))
-        done += Counter(runs=len(finished))
+        unknown = len(sd.Store(store)["grows"].episodes) - 1 - added.total()
+        print(f"  appends that were made and not acknowledged: {unknown}")
+        done += Counter(appends=added.total(), runs=len(finished))
         server = launched(store, "--jobs", "2")
         wrong += [f"at the end: {each}" for each in unfinished(server, accepted)]
         server.kill()
-        wrong += seen_wrong(store, uploaded, finished)
+        wrong += [*seen_wrong(store, uploaded, finished), *grown_wrong(store, added)]
     print(f"{rounds} kills; acknowledged: {dict(done)}; lost or torn: {len(wrong)}")
     return wrong
 
@@ -255,7 +286,7 @@ def seen_wrong(store: Path, uploaded: set[str], finished: set[str]) -> list[str]
     here = sd.Store(store)
     names = set(here.names())
     wrong = [f"{name} was acknowledged and is lost" for name in uploaded - names]
-    for name in names - {"walks"}:
+    for name in names - {"walks", "grows"}:
         dataset = here[name]
         if len(dataset) != 3_000 or len(dataset.pairs()) != 3_000:
             wrong.append(f"{name} is torn: {len(dataset)} pairs")
@@ -266,6 +297,19 @@ def seen_wrong(store: Path, uploaded: set[str], finished: set[str]) -> list[str]
         if len(walks.leverage(run)) != 240:
             wrong.append(f"run {run} is torn")
     return wrong
+
+
+def grown_wrong(store: Path, acknowledged: Counter[str]) -> list[str]:
+    """Tell which appends are lost, were made twice, or made in part."""
+    grows = sd.Store(store)["grows"]
+    pairs, sources = grows.pairs(), grows.episodes["source"].to_pylist()
+    made = Counter(sources[1:])
+    wrong = [f"append {each} was acknowledged and is lost" for each in acknowledged - made]
+    wrong += [f"append {each} was made {times} times" for each, times in made.items() if times > 1]
+    expected = np.array([[float(number) for number in each.split()] for each in sources])
+    if not np.array_equal(pairs.states[:, :2], expected.repeat(_LONG, axis=0)):
+        wrong.append(f"grows is torn: {len(pairs)} pairs in {len(sources)} episodes")
+    return [*wrong, *grows.damaged()]
 
 
 def unfinished(server: Server, accepted: set[str]) -> list[str]:
