@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ssil_service.context import Context
 from ssil_service.exchange import Exchange, Held, SlowError
-from ssil_service.hosts import Hosts
+from ssil_service.hosts import Hosts, in_origin_form
 from ssil_service.logs import told
 from ssil_service.metrics import Metrics
 from ssil_service.problems import Problem, busy, of_fault
@@ -74,6 +74,7 @@ class Edge:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
+        scope = in_origin_form(scope)
         follows = _EVENTS.fullmatch(scope["path"]) is not None
         places = self._streams if follows else self._requests
         places.taken += 1

@@ -6,12 +6,19 @@ own name (DNS) even read the answers; the browser then still tells that name as 
 
 from __future__ import annotations
 
+import ipaddress
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from urllib.parse import unquote
+
+from starlette.types import Scope
 
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings
 
+_ABSOLUTE = re.compile(rb"https?://([^/?#]*)(/.*)?", re.IGNORECASE)
 _LOCAL = ("localhost", "127.0.0.1", "[::1]")
 SAFE = ("GET", "HEAD", "OPTIONS")
 """Methods that change nothing."""
@@ -26,7 +33,7 @@ class Hosts:
     @classmethod
     def of(cls, settings: Settings, others: Iterable[str] = ()) -> Hosts:
         """Take the local names, the address that the service is bound to, and others."""
-        bound = f"[{settings.host}]" if ":" in settings.host else settings.host.lower()
+        bound = _bracketed(settings.host) if ":" in settings.host else settings.host.lower()
         return cls(frozenset({*_LOCAL, bound, *others}))
 
     def refuse_foreign(self, method: str, headers: Mapping[bytes, bytes]) -> None:
@@ -42,5 +49,27 @@ class Hosts:
 
 def _name(host: str) -> str:
     """Return a host without its port."""
-    name, bracket, _ = host.partition("]") if host.startswith("[") else host.partition(":")
-    return (name + bracket if bracket == "]" else name).lower()
+    if host.startswith("["):
+        return _bracketed(host[1:].partition("]")[0])
+    return host.partition(":")[0].lower()
+
+
+@lru_cache(64)
+def _bracketed(address: str) -> str:
+    """Return an address of version 6 as it is written shortest."""
+    try:
+        return f"[{ipaddress.IPv6Address(address)}]"
+    except ValueError:
+        return f"[{address.lower()}]"
+
+
+def in_origin_form(scope: Scope) -> Scope:
+    """Return a request for `http://host/path` as one for `/path` of that host (RFC 9112, 3.2.2)."""
+    if scope["path"].startswith("/"):
+        return scope
+    found = _ABSOLUTE.fullmatch(scope["raw_path"])
+    if found is None:
+        return scope
+    host, path = found[1], found[2] or b"/"
+    headers = [(b"host", host), *(each for each in scope["headers"] if each[0] != b"host")]
+    return {**scope, "path": unquote(path.decode("latin-1")), "raw_path": path, "headers": headers}

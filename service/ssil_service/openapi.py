@@ -42,6 +42,11 @@ _PAGED = {
     "X-Total-Count": {"description": "Rows on all pages.", "schema": {"type": "integer"}},
     "Link": {"description": "The next page, if there is one.", "schema": {"type": "string"}},
 }
+_EVERYWHERE = """HEAD is answered where GET is, but for events; other methods get 405 with `Allow`.
+
+A 503 with `Retry-After` means that nothing was begun: even a change may be repeated.
+
+Limits of this service, also at `/v1/limits`:"""
 _TAGGED = {"ETag": {"description": "For `If-None-Match`.", "schema": {"type": "string"}}}
 
 
@@ -104,10 +109,24 @@ def described(app: FastAPI) -> dict[str, Any]:
         known = document.setdefault("components", {}).setdefault("schemas", {})
         known |= components["$defs"]
         _forget_null(document)
+        _add_edge(document, foreign=not app.state.keys)
         for unused in ("HTTPValidationError", "ValidationError"):
             known.pop(unused, None)
         app.openapi_schema = document
     return app.openapi_schema
+
+
+def _add_edge(document: dict[str, Any], *, foreign: bool) -> None:
+    """Add what every route may answer with, as it is said before any is asked.
+
+    413 for a length that is told; without keys, 403 for a foreign Origin of what is no reading; 507
+    where something may be written.
+    """
+    for path in document["paths"].values():
+        for method, operation in path.items():
+            statuses = [413] if method == "get" else [413, 507, *([403] if foreign else [])]
+            for status in statuses:
+                operation["responses"].setdefault(str(status), problems(status)[status])
 
 
 def _forget_null(document: dict[str, Any]) -> None:
@@ -141,7 +160,7 @@ def _description(settings: Settings) -> str:
         for name in schemas.Limits.model_fields
         if hasattr(settings, name)
     ]
-    return "\n".join(["Limits of this service, also at `/v1/limits`:", "", *limits])
+    return "\n".join([_EVERYWHERE, "", *limits])
 
 
 def _any_of(*models: type[BaseModel]) -> dict[str, Any]:

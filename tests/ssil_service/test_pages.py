@@ -45,3 +45,8 @@ def test_headers_on_several_lines_are_one_list(http: httpx.Client):
     assert http.get(path, headers=kinds[::-1]).status_code == 200
     del http.headers["Accept"]
     assert http.get(path, headers=kinds[:1]).status_code == 406
+
+
+def test_rows_of_an_episode_that_is_not_there_are_not_found(http: httpx.Client):
+    for path in ("v1/datasets/drives/pairs", "v1/datasets/drives/runs/vae/leverage"):
+        assert http.get(path, params={"episode": 99_999}).status_code == 404

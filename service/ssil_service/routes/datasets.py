@@ -155,6 +155,15 @@ def summary(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
+def refuse_unknown_episode(snapshot: Snapshot, episode: int) -> None:
+    """Raise NotFoundError for an episode that the dataset has not."""
+    table = snapshot.dataset.episodes
+    if episode not in table["episode"].to_numpy():
+        raise NotFoundError(
+            f"episode of {snapshot.name}: expected 0 to {len(table) - 1}, found {episode}"
+        )
+
+
 def _json(value: Any, tag: str) -> Response:
     return Response(to_json(value), media_type=JSON, headers={"ETag": tag})
 
@@ -164,11 +173,8 @@ def _chosen(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
     table = snapshot.dataset.episodes
     keep = np.ones(len(table), bool)
     if episode is not None:
+        refuse_unknown_episode(snapshot, episode)
         keep &= table["episode"].to_numpy() == episode
-        if not keep.any():
-            raise NotFoundError(
-                f"episode of {snapshot.name}: expected 0 to {len(table) - 1}, found {episode}"
-            )
     if labeled:
         keep &= table["labeled"].to_numpy()
     return np.flatnonzero(np.repeat(keep, table["length"].to_numpy()))

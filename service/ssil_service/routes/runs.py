@@ -25,6 +25,7 @@ from ssil_service.jobs import Order
 from ssil_service.negotiation import wanted
 from ssil_service.openapi import bulk, json_body, problems
 from ssil_service.paging import page, paged, tag_of, unchanged
+from ssil_service.routes.datasets import refuse_unknown_episode
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
 from ssil_service.schemas import FitBody, Job, RescoreBody, RunRecord, RunRecords
 
@@ -80,6 +81,8 @@ async def leverage(
     here = context(request)
     snapshot = await here.catalogue.snapshot(dataset, version)
     record = snapshot.run(run)
+    if episode is not None:
+        refuse_unknown_episode(snapshot, episode)
     choice = (episode, first_step, last_step, columns, offset, limit)
     tag = tag_of(record.created, record.model, snapshot.version, media, choice)
     known = unchanged(request, tag)
@@ -100,7 +103,7 @@ async def leverage(
     "",
     status_code=202,
     response_model=Job,
-    responses=problems(404, 406, 408, 409, 413, 415, 422, 429),
+    responses=problems(404, 408, 409, 413, 415, 422, 429),
     openapi_extra=json_body(FitBody, RescoreBody),
 )
 async def start(
