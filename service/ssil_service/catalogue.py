@@ -142,6 +142,11 @@ class Catalogue:
         """List the datasets."""
         return self.store.names()
 
+    def lacks(self, name: str) -> bool:
+        """Tell, without waiting, that no dataset has a name; of an object store this is unknown."""
+        local = self.store.folder.local
+        return local is not None and not (local / checked_name("dataset", name)).is_dir()
+
     async def field(self, snapshot: Snapshot, run: str, alpha: float | None) -> LeverageField:
         """Return a run's field; one of another sharpness shares the states of the run's own."""
         record = snapshot.run(run)

@@ -2,14 +2,11 @@
 
 `<dataset>.<run>` gives the uncertainty and leverage of pairs; `<dataset>.<run>.lcor` and
 `….cor` answer for states. A model's version is that of the dataset that its run was made from:
-one that is named is answered however the dataset has grown since. Names may contain dots: a model's
-name that can be read in two ways is refused, unless the version tells which is meant.
+one that is named is answered however the dataset has grown since.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -20,7 +17,6 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_data.demonstrations import Pairs
-from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_service import tensors
 from ssil_service.answers import (
     InferenceAnswer,
@@ -29,10 +25,10 @@ from ssil_service.answers import (
     Ready,
     ServerMetadata,
 )
-from ssil_service.catalogue import Snapshot
 from ssil_service.cells import checked
 from ssil_service.context import Context, context
 from ssil_service.intake import counted, media_type, off_loop
+from ssil_service.models import Model, found_model
 from ssil_service.openapi import json_body, problems
 from ssil_service.problems import Problem
 from ssil_service.routes.health import refuse_unready
@@ -42,7 +38,6 @@ router = APIRouter(prefix="/v2", tags=["inference"])
 
 ModelName = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,209}$")]
 ModelVersion = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$")]
-_KINDS = ("lcor", "cor")
 _OUTPUTS = {
     "lcor": {"values": "FP64", "effective_sample_size": "FP64"},
     "cor": {"values": "FP64"},
@@ -85,7 +80,7 @@ async def metadata(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
     """Tell what a model takes and gives."""
-    found = await _found(context(request), model, version)
+    found = await found_model(context(request).catalogue, model, version)
     widths = found.snapshot.widths
     inputs = [("states", "FP32", widths[0])]
     if not found.kind:
@@ -115,7 +110,7 @@ async def model_ready(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
     """Tell that a model answers."""
-    await _found(context(request), model, version)
+    await found_model(context(request).catalogue, model, version)
     return _json({"name": model, "ready": True})
 
 
@@ -138,7 +133,7 @@ async def infer(
     offered = (JSON, "application/octet-stream") if length is not None else (JSON,)
     media_type(request, offered, unnamed=JSON)  # as Triton's own client sends it
     here = context(request)
-    found = await _found(here, model, version)
+    found = await found_model(here.catalogue, model, version)
     body, most = await request.body(), here.settings.json_bytes
     asked, inputs = await off_loop(
         len(body), lambda: tensors.read(body, length, most_json=most), here.texts
@@ -162,56 +157,7 @@ async def infer(
     )
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A run of a dataset, what of it is asked, and the version that it was made from."""
-
-    snapshot: Snapshot
-    run: str
-    kind: str
-    version: str
-
-
-async def _found(here: Context, model: str, version: str | None) -> _Model:
-    """Return what a name means; raises NotFoundError, or ConflictError for two meanings."""
-    readings = [await _read(here, *reading, version) for reading in _readings(model)]
-    found = [each for each in readings if each is not None]
-    if not found:
-        raise NotFoundError("model: expected <dataset>.<run>, ….lcor or ….cor, found another")
-    if len(found) > 1:
-        names = " and ".join(f"run {each.run} of {each.snapshot.name}" for each in found[:2])
-        raise ConflictError(f"model: expected a name with one meaning, found {names}")
-    (only,) = found
-    if only.kind and version is None:
-        only.snapshot.run(only.run)  # a field is of the newest version unless one is named
-    return only
-
-
-def _readings(model: str) -> Iterator[tuple[str, str, str]]:
-    """Give every dataset, run and kind that a name may mean."""
-    base, _, last = model.rpartition(".")
-    for name, kind in [(base, last), (model, "")] if last in _KINDS else [(model, "")]:
-        for dot in [place for place, letter in enumerate(name) if letter == "."]:
-            yield name[:dot], name[dot + 1 :], kind
-
-
-async def _read(
-    here: Context, dataset: str, run: str, kind: str, version: str | None
-) -> _Model | None:
-    """Return a model if there is one that is meant so."""
-    try:
-        snapshot = await here.catalogue.snapshot(dataset)
-        made_from = snapshot.run_of_any_version(run).dataset_version
-        if version not in (None, made_from):
-            return None
-        if version is not None:
-            snapshot = await here.catalogue.snapshot(dataset, version)
-        return _Model(snapshot, run, kind, made_from)
-    except (NotFoundError, InvalidInputError):
-        return None
-
-
-async def _outputs(here: Context, model: _Model, inputs: dict[str, np.ndarray]) -> dict[str, Any]:
+async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -> dict[str, Any]:
     known = ("states",) if model.kind else ("states", "actions", "episode")
     missing = {"states"} | ({"actions"} if not model.kind else set())
     if not missing <= set(inputs) <= set(known):
@@ -231,7 +177,7 @@ async def _outputs(here: Context, model: _Model, inputs: dict[str, np.ndarray]) 
 
 
 async def _scored(
-    here: Context, model: _Model, inputs: dict[str, np.ndarray], states: Any
+    here: Context, model: Model, inputs: dict[str, np.ndarray], states: Any
 ) -> dict[str, Any]:
     actions = _rows(inputs, "actions", model.snapshot.widths[1])
     episode = inputs.get("episode", np.zeros(len(states), np.int64))
