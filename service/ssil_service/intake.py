@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -119,7 +120,23 @@ async def off_loop(size: int, work: Callable[[], Answer], place: Gate | None = N
     """
     if size <= _INLINE:
         return work()
-    return await (asyncio.to_thread(work) if place is None else place.run(work))
+    if place is None:
+        return await asyncio.to_thread(work)
+    return await place.run(lambda: _uncollected(work))
+
+
+def _uncollected(work: Callable[[], Answer]) -> Answer:
+    """Do what makes many lists but no cycles: the collector would go through them all the time.
+
+    Of 1.4 million lists in 4 MB of JSON it makes five times the work, during which nobody answers.
+    """
+    if not gc.isenabled():
+        return work()
+    gc.disable()
+    try:
+        return work()
+    finally:
+        gc.enable()
 
 
 async def _body(request: Request) -> tuple[str, bytes, int]:

@@ -1,6 +1,7 @@
 """JSON that is long: one place reads and writes it, as nothing else runs meanwhile."""
 
 import asyncio
+import gc
 import time
 from collections.abc import Iterator
 from threading import Lock
@@ -43,6 +44,21 @@ def test_long_json_is_read_and_written_one_at_a_time():
     found = asyncio.run(crowd())
     assert most == 1
     assert [type(each) for each in found] == [type(None)] * 4 + [Problem] * 2
+
+
+def test_nothing_is_collected_while_long_json_is_read():
+    async def ask(work: Any) -> Any:
+        place = Gate(1, 0)
+        try:
+            return await off_loop(2**20, work, place)
+        finally:
+            place.close(1)
+
+    assert asyncio.run(ask(gc.isenabled)) is False
+    assert gc.isenabled()
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(ask(lambda: 1 / 0))
+    assert gc.isenabled()
 
 
 @pytest.fixture
