@@ -149,6 +149,11 @@ def _is_integer(value):
     return isinstance(value, int) and not isinstance(value, bool)
 
 
+def _is_length(value):
+    whole = _is_integer(value) or (isinstance(value, float) and value.is_integer())
+    return whole and 0 <= value <= 2**40
+
+
 def _is_int64(value):
     return _is_integer(value) and -(2**63) <= value < 2**63
 
@@ -163,7 +168,7 @@ def _are_tensors(tensors):
             and tensor.get("datatype") in ("FP32", "FP64", "INT64")
             and isinstance(tensor.get("shape"), list)
             and 1 <= len(tensor["shape"]) <= 2
-            and all(map(_is_integer, tensor["shape"]))
+            and all(map(_is_length, tensor["shape"]))
             and isinstance(tensor.get("data"), list | None)
             and isinstance(tensor.get("parameters", {}), dict)
             for tensor in tensors
