@@ -80,15 +80,26 @@ def test_another_alpha_shares_the_states_of_the_runs_own_field(
         assert built == ["vae"]
         assert [each.alpha for each in found] == [3, local["drives"].runs["vae"].alpha, 7, 3]
         assert found[0] is found[3] and found[0].states is found[1].states
-        small = Catalogue(local, catalogue.cache.bytes - 1)
-        asyncio.run(asked(small))
-        assert built == ["vae"] * 2  # what shares the states is let go of before them
     for alpha, each in ((3.0, found[0]), (7.0, found[2])):
         expected = local["drives"].field("vae", alpha=alpha)
         assert_array_equal(each.lcor(states).values, expected.lcor(states).values)
         assert_array_equal(each.cor(states), expected.cor(states))
         close = {"tolerance": 0.1, "relative": True}
         assert_array_equal(each.lcor(states, **close).values, expected.lcor(states, **close).values)
+
+
+def test_what_shares_the_states_of_a_field_is_let_go_of_before_them(local: sd.Store):
+    async def asked(catalogue: Catalogue) -> tuple[sd.LeverageField, ...]:
+        snapshot = await catalogue.snapshot("drives")
+        own = await catalogue.field(snapshot, "vae", None)
+        other = await catalogue.field(snapshot, "vae", 3.0)
+        catalogue.cache.capacity = catalogue.cache.bytes
+        await catalogue.cache.get(("another", "drives"), lambda: ("another", 1))
+        still = await catalogue.field(snapshot, "vae", None)
+        return own, still, other, await catalogue.field(snapshot, "vae", 3.0)
+
+    own, still, other, another = asyncio.run(asked(Catalogue(local, 2**30)))
+    assert own is still and other is not another
 
 
 @pytest.mark.parametrize("path", ["pairs", "runs/vae/leverage", "card", "versions", ""])
