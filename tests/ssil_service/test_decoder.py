@@ -70,3 +70,13 @@ def test_a_body_is_to_blame_only_while_it_is_read(
         uploaded(workers, tmp_path)
     assert refusal.value.status == status
     assert not workers.ends
+
+
+@pytest.mark.parametrize(("progress", "again"), [(None, True), (READ, False)])
+def test_what_may_be_written_at_the_end_is_not_asked_again(
+    progress: Any, again: bool, tmp_path: Path
+):
+    with pytest.raises(Problem) as refusal:
+        uploaded(Workers("ShutdownError", progress=progress), tmp_path)
+    assert refusal.value.status == 503
+    assert ("Retry-After" in refusal.value.headers) == again
