@@ -222,6 +222,7 @@ class Limits(BaseModel):
     upload_bytes: int
     decoded_bytes: int
     query_rows: int
+    batches: int
     page_rows: int
     contributors: int
     seconds: float

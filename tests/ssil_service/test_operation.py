@@ -19,7 +19,8 @@ BODY = {"states": [[1.0, 2.0, 3.0]]}
 def test_health_limits_and_metrics_are_told(http: httpx.Client):
     assert http.get("healthz").json() == {"status": "ok"}
     assert http.get("readyz").json() == {"status": "ok"}
-    assert http.get("v1/limits").json()["query_rows"] == 65_536
+    limits = http.get("v1/limits").json()
+    assert (limits["query_rows"], limits["batches"]) == (65_536, 4_096)
     http.post(LCOR, json=BODY)
     http.post(LCOR, json=BODY)
     text = http.get("metrics").text

@@ -14,6 +14,7 @@ from ssil_service.openapi import problems
 from ssil_service.problems import busy
 from ssil_service.routes.parameters import MOST_CONTRIBUTORS, MOST_SECONDS
 from ssil_service.schemas import Health, Limits
+from ssil_service.streams import MOST_BATCHES
 
 open_router = APIRouter(tags=["operation"])
 router = APIRouter(tags=["operation"])
@@ -65,5 +66,10 @@ async def limits(request: Request) -> Response:
     known = {
         name: getattr(settings, name) for name in Limits.model_fields if hasattr(settings, name)
     }
-    constants = {"contributors": MOST_CONTRIBUTORS, "seconds": MOST_SECONDS, "run_bytes": RUN_BYTES}
+    constants = {
+        "contributors": MOST_CONTRIBUTORS,
+        "seconds": MOST_SECONDS,
+        "run_bytes": RUN_BYTES,
+        "batches": MOST_BATCHES,
+    }
     return JSONResponse({**known, **constants})
