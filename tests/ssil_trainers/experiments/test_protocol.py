@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from ssil_trainers.experiments import paper
+from ssil_trainers.experiments import charts, paper
 from ssil_trainers.experiments.protocol import (
     FEW_LABELS,
     RACETRACK,
@@ -66,3 +66,10 @@ def test_every_row_is_a_method_and_has_an_estimator_if_it_asks_for_leverage():
         assert len(set(keys)) == len(keys)
         for row in table.rows:
             assert (row.estimator is not None) == METHODS[row.method].needs_run
+
+
+@pytest.mark.parametrize("table", TRAINING_TABLES, ids=lambda table: table.name)
+def test_every_method_of_a_table_has_a_colour_of_its_own(table: Table) -> None:
+    scale = charts._colour(table).to_dict()["scale"]
+    assert len(set(scale["range"])) == len(scale["domain"]) == len(table.rows)
+    assert charts._OTHER not in scale["range"]

@@ -24,6 +24,10 @@ _COLOURS = {
     "shuffled-windowvae": "#d4a017",
     "constant": "#b08968",
     "clone": "#8fb996",
+    "gail-leverage-windowvae": "#1f2937",
+    "ssil-leverage-windowvae": "#0b3d91",
+    "clone-mixed": "#c9b458",
+    "clone-leverage-windowvae": "#3f7d4f",
 }
 _OTHER = "#888888"
 
