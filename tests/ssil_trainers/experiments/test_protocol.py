@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from ssil_trainers.experiments import charts, paper
 from ssil_trainers.experiments.protocol import (
@@ -70,6 +72,7 @@ def test_every_row_is_a_method_and_has_an_estimator_if_it_asks_for_leverage():
 
 @pytest.mark.parametrize("table", TRAINING_TABLES, ids=lambda table: table.name)
 def test_every_method_of_a_table_has_a_colour_of_its_own(table: Table) -> None:
-    scale = charts._colour(table).to_dict()["scale"]
+    colour: Any = charts._colour(table).to_dict()
+    scale = colour["scale"]
     assert len(set(scale["range"])) == len(scale["domain"]) == len(table.rows)
     assert charts._OTHER not in scale["range"]
