@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import ssil_trainers.envs  # noqa: F401  registers the ids
+from driving import drive
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from ssil_trainers.envs.rc_lidar import RCLidarEnv, RCLidarVectorEnv
@@ -60,23 +61,6 @@ def same(one: Any, two: Any) -> None:
     else:
         assert one.dtype == two.dtype
         np.testing.assert_array_equal(one, two)
-
-
-def drive(env: RCLidarEnv, seed: int, steps: int) -> list[np.ndarray]:
-    """States of a drive with seeded random steering, through as many episodes as it takes."""
-    rng, states = np.random.default_rng(seed), []
-    state, _ = env.reset(seed=seed)
-    over = False
-    for _ in range(steps):
-        action = rng.uniform(-0.5, 0.5, 1).astype(np.float32)
-        states.append(state)
-        if over:
-            state, _ = env.reset()
-            over = False
-        else:
-            state, _, terminated, truncated, _ = env.step(action)
-            over = terminated or truncated
-    return states
 
 
 def test_a_car_does_not_notice_how_many_drive_beside_it() -> None:

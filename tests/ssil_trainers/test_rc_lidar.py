@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import ssil_trainers.envs  # noqa: F401  registers the ids
+from driving import drive
 from gymnasium.utils.env_checker import check_env
 from ssil_trainers.envs.rc_car import RCCar
 from ssil_trainers.envs.rc_lidar import STATE_NAMES, RCLidarEnv, RCLidarVectorEnv
@@ -25,23 +26,6 @@ from stable_baselines3.common.env_util import make_vec_env
 from ssil_data.errors import InvalidInputError
 
 STILL = np.zeros(1, dtype=np.float32)
-
-
-def drive(env: RCLidarEnv, seed: int, steps: int) -> list[np.ndarray]:
-    """States of a drive with seeded random steering, through as many episodes as it takes."""
-    rng, states = np.random.default_rng(seed), []
-    state, _ = env.reset(seed=seed)
-    over = False
-    for _ in range(steps):
-        action = rng.uniform(-0.5, 0.5, 1).astype(np.float32)
-        states.append(state)
-        if over:
-            state, _ = env.reset()
-            over = False
-        else:
-            state, _, terminated, truncated, _ = env.step(action)
-            over = terminated or truncated
-    return states
 
 
 def test_gymnasium_and_stable_baselines3_accept_it() -> None:
