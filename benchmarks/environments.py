@@ -24,10 +24,11 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import ssil_trainers.envs  # noqa: F401  registers the ids
 from gymnasium.vector import AutoresetMode
 from rivals.plain_racetrack import PlainRacetrack
 from rivals.raycast import many_scans, poses, scanners
+
+import ssil_trainers.envs  # noqa: F401  registers the ids
 
 ROUNDS = 9
 SECONDS = 0.4

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
 from ssil_data.scoring import rescore, score
-from ssil_data.storage import Folder
 from ssil_data.store import Store
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.folder import Folder
 
 TIMES = (1, 10, 40)
 

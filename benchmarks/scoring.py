@@ -18,12 +18,12 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import ESTIMATORS, Fitted
-from ssil_data.rows import VALUES
 from ssil_data.scoring import rescore, score
 from ssil_data.store import Store
+from ssil_data.store.arrow_schema import VALUES
+from ssil_data.store.dataset import Dataset
 
 ROUNDS = 7
 

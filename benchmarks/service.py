@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from ssil_service import embedded
-from ssil_service.launching import Server, free_port, launched
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
 from ssil_data.client.wire import ARROW, JSON, encoded, states_table
+from ssil_service import embedded
+from ssil_service.server.launch import Server, free_port, launched
 
 ROUNDS = 15
 CLIENTS, REQUESTS, ASKED = 64, 25, 5

@@ -28,15 +28,15 @@ from typing import Any
 
 import torch
 from sb3_contrib import TRPO
-from ssil_trainers.labels import expert_return
-from ssil_trainers.methods import METHODS, Demonstrations
-from ssil_trainers.settings import TrainSettings
-from ssil_trainers.stable_baselines import StableBaselinesVecEnv
-from ssil_trainers.tasks import side_by_side, single
-from ssil_trainers.training import Job, train
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 import ssil_data as sd
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.methods import METHODS, Demonstrations
+from ssil_trainers.envs.registry import side_by_side, single
+from ssil_trainers.envs.sb3_vec_env import StableBaselinesVecEnv
+from ssil_trainers.training.label_subset import expert_return
+from ssil_trainers.training.run import Job, train
 
 ROUNDS = 3
 STEPS, REAL_STEPS = 65_536, 4_096

@@ -26,16 +26,16 @@ import cyclopts
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
-from ssil_trainers.experiments.lessons import Fit, labeled_dataset, working_copy
-from ssil_trainers.experiments.statistics import Curve
-from ssil_trainers.labels import expert_return
-from ssil_trainers.methods import METHODS, Demonstrations
-from ssil_trainers.settings import TrainSettings
-from ssil_trainers.tasks import side_by_side
-from ssil_trainers.training import Job, train
 
 import ssil_data as sd
 from ssil_data.demonstrations import Episode
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.methods import METHODS, Demonstrations
+from ssil_trainers.envs.registry import side_by_side
+from ssil_trainers.experiments.lessons import Fit, labeled_dataset, working_copy
+from ssil_trainers.experiments.statistics import Curve
+from ssil_trainers.training.label_subset import expert_return
+from ssil_trainers.training.run import Job, train
 
 DATASETS = Path(__file__).parents[1] / "datasets"
 LABELED, CUT = 6, 2.0

@@ -14,9 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ssil_data.answers import Accuracy, LCoR
     from ssil_data.client import ServiceError, connect
-    from ssil_data.dataset import Dataset
     from ssil_data.demonstrations import Episode, Pairs
     from ssil_data.errors import (
         ConflictError,
@@ -27,33 +25,35 @@ if TYPE_CHECKING:
     )
     from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
     from ssil_data.field import LeverageField
-    from ssil_data.leverage import Conformal, MinMax, Quantile
+    from ssil_data.field.answers import Accuracy, LCoR
     from ssil_data.quality import Quality, quality
     from ssil_data.report import write_report
-    from ssil_data.runs import Run
+    from ssil_data.scales import Conformal, MinMax, Quantile
     from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
     from ssil_data.store import Store
+    from ssil_data.store.dataset import Dataset
+    from ssil_data.store.runs import Run
 
 _HOME = {
-    "Accuracy": "answers",
-    "Conformal": "leverage",
+    "Accuracy": "field",
+    "Conformal": "scales",
     "ConflictError": "errors",
     "DamagedError": "errors",
-    "Dataset": "dataset",
+    "Dataset": "store",
     "Episode": "demonstrations",
     "GPR": "estimators",
     "InvalidInputError": "errors",
-    "LCoR": "answers",
+    "LCoR": "field",
     "LeverageField": "field",
     "LeverageModel": "scoring",
     "MDN": "estimators",
-    "MinMax": "leverage",
+    "MinMax": "scales",
     "NotFoundError": "errors",
     "Pairs": "demonstrations",
     "Quality": "quality",
-    "Quantile": "leverage",
+    "Quantile": "scales",
     "Recipe": "scoring",
-    "Run": "runs",
+    "Run": "store",
     "ServiceError": "client",
     "SsilDataError": "errors",
     "Store": "store",

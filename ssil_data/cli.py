@@ -31,18 +31,20 @@ _COMMANDS = {
 for _name, (_where, _help) in _COMMANDS.items():
     app.command(f"ssil_data.commands.{_where}", name=_name, help=_help)
 app.command(
-    "ssil_trainers.collect:collect",
+    "ssil_trainers.commands.collect:collect",
     name="collect",
     help="Drive, and write the demonstrations as a dataset.",
 )
 app.command(
-    "ssil_service.serve:serve",
+    "ssil_service.server.command:serve",
     name="serve",
     help="Serve leverage and LCoR over REST.",
 )
-app.command("ssil_trainers.train:train", name="train", help="Train a policy: GAIL, MixGAIL, SSIL.")
 app.command(
-    "ssil_trainers.evaluate:evaluate",
+    "ssil_trainers.commands.train:train", name="train", help="Train a policy: GAIL, MixGAIL, SSIL."
+)
+app.command(
+    "ssil_trainers.commands.evaluate:evaluate",
     name="evaluate",
     help="Drive the real environment by a policy file.",
 )

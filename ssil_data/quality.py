@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from ssil_data.dataset import Dataset
+from ssil_data.store.dataset import Dataset
 
 EXPERT = "expert"
 """The tier of expert demonstrations; every other tier is negative."""

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import drives
 
 from ssil_data.cli import app
 from ssil_data.estimators import ESTIMATORS
-from ssil_data.leverage import SCALES
+from ssil_data.scales import SCALES
 from ssil_data.scoring import PRESETS
+from support.demonstrations import ROOT, drives
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ssil_trainers.envs.racetrack import RacetrackEnv
-from ssil_trainers.envs.road import Road
+
+from ssil_trainers.envs.racetrack.env import RacetrackEnv
+from ssil_trainers.envs.racetrack.road import Road
 
 TOUCH = 1e-9
 

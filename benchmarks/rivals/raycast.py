@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
-from ssil_trainers.envs import rc_kernel
-from ssil_trainers.envs.lidar import directions_of
-from ssil_trainers.envs.occupancy import load_map
-from ssil_trainers.envs.track import Track
-from ssil_trainers.envs.tracks import TRAINING_TRACK, named_track
+
+from ssil_trainers.envs.rc_lidar import kernels as rc_kernel
+from ssil_trainers.envs.rc_lidar.lidar import directions_of
+from ssil_trainers.envs.rc_lidar.occupancy import load_map
+from ssil_trainers.envs.rc_lidar.track import Track
+from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, named_track
 
 BEAMS = np.linspace(-np.pi / 2, np.pi / 2, 19)
 REACH, PIXEL, RIM = 10.0, 0.05, 2.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ssil_service.app import create_app
-    from ssil_service.inprocess import embedded
+    from ssil_service.server.embedded import embedded
     from ssil_service.settings import Settings
 
 _HOME = {"Settings": "settings", "create_app": "app", "embedded": "inprocess"}

@@ -17,23 +17,23 @@ from starlette.responses import Response
 
 from ssil_data.errors import SsilDataError
 from ssil_data.store import Store
-from ssil_service.catalogue import Catalogue
 from ssil_service.context import Context
-from ssil_service.decoder import Decoder
-from ssil_service.edge import Edge
-from ssil_service.gate import Gate
-from ssil_service.hosts import Hosts
-from ssil_service.jobs import Board
-from ssil_service.keys import Keys, may_read, may_write
+from ssil_service.http.middleware import Edge
+from ssil_service.http.openapi import allowed, described, problems
+from ssil_service.http.route_cache import Shortcut
+from ssil_service.jobs.queue import Board
 from ssil_service.metrics import Metrics
-from ssil_service.openapi import allowed, described, problems
-from ssil_service.pool import Pool
 from ssil_service.problems import Problem, of_fault, of_library, of_validation
+from ssil_service.queries.admission import Gate
+from ssil_service.queries.catalog import Catalogue
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
 from ssil_service.routes.parameters import refuse_unknown
+from ssil_service.security.authentication import Keys, may_read, may_write
+from ssil_service.security.hosts import Hosts
 from ssil_service.settings import Settings
-from ssil_service.shortcut import Shortcut
-from ssil_service.state import State
+from ssil_service.workers.decoding import Decoder
+from ssil_service.workers.lease import State
+from ssil_service.workers.pool import Pool
 
 _BASE = 2**29
 """Memory that a worker takes before it has done anything, and some to spare."""

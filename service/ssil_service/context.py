@@ -11,15 +11,15 @@ from typing import TypeVar
 from fastapi import Request
 
 from ssil_data.client.wire import JSON
-from ssil_service.batching import Batching
-from ssil_service.catalogue import Catalogue
-from ssil_service.decoder import Decoder
-from ssil_service.gate import Gate
-from ssil_service.jobs import Board
-from ssil_service.keys import Keys
+from ssil_service.jobs.queue import Board
 from ssil_service.metrics import Metrics
+from ssil_service.queries.admission import Gate
+from ssil_service.queries.batching import Batching
+from ssil_service.queries.catalog import Catalogue
+from ssil_service.security.authentication import Keys
 from ssil_service.settings import Settings
-from ssil_service.state import State
+from ssil_service.workers.decoding import Decoder
+from ssil_service.workers.lease import State
 
 Answer = TypeVar("Answer")
 INLINE = 2**21

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ssil_data import leverage as scales
+from ssil_data import scales
 from ssil_data.client.connection import Connection
 from ssil_data.client.field import RemoteField, RemoteModel
 from ssil_data.client.jobs import RemoteJob
@@ -20,11 +20,11 @@ from ssil_data.demonstrations import Episode, Pairs, joined
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.estimators import Estimator, to_json
 from ssil_data.kernels import checked_alpha
-from ssil_data.leverage import Scale
-from ssil_data.rows import VALUES
-from ssil_data.runs import Run
+from ssil_data.scales import Scale
 from ssil_data.scoring import Progress
-from ssil_data.storage import checked_name
+from ssil_data.store.arrow_schema import VALUES
+from ssil_data.store.folder import checked_name
+from ssil_data.store.runs import Run
 
 
 class RemoteDataset:

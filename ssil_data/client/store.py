@@ -15,7 +15,7 @@ from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import NotFoundError
-from ssil_data.storage import checked_name
+from ssil_data.store.folder import checked_name
 
 
 class RemoteStore:

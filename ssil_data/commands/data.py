@@ -8,9 +8,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
-from ssil_data.dataset import Dataset
 from ssil_data.errors import DamagedError, InvalidInputError
 from ssil_data.interop import Columns, Imported, Layout, imported, read_columns
+from ssil_data.store.dataset import Dataset
 
 _Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from ssil_data.answers import Accuracy, LCoR
 from ssil_data.commands.output import (
     AsJson,
     Place,
@@ -18,10 +17,11 @@ from ssil_data.commands.output import (
     print_json,
     print_table,
 )
-from ssil_data.dataset import Dataset
 from ssil_data.errors import InvalidInputError
+from ssil_data.field.answers import Accuracy, LCoR
 from ssil_data.interop import read_states
 from ssil_data.kernels import checked_alpha
+from ssil_data.store.dataset import Dataset
 
 
 def lcor(

@@ -16,14 +16,14 @@ from ssil_data.commands.output import (
     print_table,
     progress,
 )
-from ssil_data.dataset import Dataset
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import quality
 from ssil_data.report import write_report
-from ssil_data.runs import Run
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.scoring import rescore
 from ssil_data.scoring import score as score_dataset
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.runs import Run
 
 Kind = Literal["vae", "windowvae", "mdn", "gpr"]
 

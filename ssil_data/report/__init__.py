@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ssil_data.dataset import Dataset
 from ssil_data.errors import InvalidInputError
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.page import page
 from ssil_data.scoring import Progress
-from ssil_data.storage import Folder
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.folder import Folder
 
 __all__ = ["write_report"]
 

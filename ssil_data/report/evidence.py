@@ -9,12 +9,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ssil_data.dataset import Dataset
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import Quality, quality
-from ssil_data.rows import PARTS
-from ssil_data.runs import Run
 from ssil_data.scoring import Progress
+from ssil_data.store.arrow_schema import PARTS
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.runs import Run
 
 
 @dataclass(frozen=True, eq=False)

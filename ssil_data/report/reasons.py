@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.dataset import Dataset
 from ssil_data.demonstrations import Pairs, joined
 from ssil_data.report.evidence import Scored
 from ssil_data.scoring import LeverageModel
+from ssil_data.store.dataset import Dataset
 
 DIMENSIONS = 3
 

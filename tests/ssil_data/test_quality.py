@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import ACTION_NAMES, STATE_NAMES, drive
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -10,11 +9,12 @@ from sklearn.metrics import roc_auc_score
 
 from ssil_data.commands.leverage import show
 from ssil_data.commands.output import Place, print_table
-from ssil_data.dataset import Dataset
 from ssil_data.estimators import GPR
 from ssil_data.quality import auroc, partial_spearman, quality, spearman
 from ssil_data.scoring import score
 from ssil_data.store import Store
+from ssil_data.store.dataset import Dataset
+from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 
 values = st.lists(st.integers(0, 20), min_size=3, max_size=60)
 

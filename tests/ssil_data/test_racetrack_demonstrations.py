@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssil_data.dataset import Dataset
 from ssil_data.quality import Quality, quality
 from ssil_data.scoring import PRESETS, preset, score
 from ssil_data.store import Store
+from ssil_data.store.dataset import Dataset
+from support.demonstrations import DATASETS
 
-COMMITTED = Path(__file__).parents[2] / "datasets" / "racetrack"
+COMMITTED = DATASETS / "racetrack"
 TIERS = ["0-25", "25-50", "50-75", "expert"]
 
 

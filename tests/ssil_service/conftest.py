@@ -8,12 +8,12 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from conftest import ACTION_NAMES, STATE_NAMES, drives
-from ssil_service import embedded
-from ssil_service.launching import Server, launched
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore
+from ssil_service import embedded
+from ssil_service.server.launch import Server, launched
+from support.demonstrations import ACTION_NAMES, STATE_NAMES, drives
 
 READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import httpx
-from ssil_service.launching import Server
+
+from ssil_service.server.launch import Server
 
 Raw = Callable[..., socket.socket]
 LCOR = "v1/datasets/drives/runs/vae/lcor"

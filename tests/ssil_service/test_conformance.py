@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from ssil_service.launching import Server
 
-HERE = Path(__file__).parent
+from ssil_service.server.launch import Server
+from support.demonstrations import ROOT
 
 
 @pytest.mark.parametrize("keys", [False, True], ids=["open", "with keys"])
@@ -22,8 +22,8 @@ def test_the_service_does_what_its_openapi_document_says(
         *(("-H", "X-API-Key: writes-and-deletes-too") if keys else ()),
     ]
     known = {
-        "SCHEMATHESIS_HOOKS": "fitting",
-        "PYTHONPATH": str(HERE),
+        "SCHEMATHESIS_HOOKS": "support.service_fits",
+        "PYTHONPATH": str(ROOT / "tests"),
         "PATH": "/usr/bin:/bin",
         "HOME": str(tmp_path),
     }
@@ -35,7 +35,7 @@ def test_the_service_does_what_its_openapi_document_says(
 
 @pytest.mark.parametrize(("what", "count"), [("mutations", 300), ("kills", 2)])
 def test_strangers_and_power_cuts_break_nothing(what: str, count: int, tmp_path: Path):
-    script = HERE / "robustness.py"
+    script = ROOT / "tests" / "support" / "service_robustness.py"
     done = subprocess.run(
         [sys.executable, str(script), what, str(count)],
         capture_output=True,

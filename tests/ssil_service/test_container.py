@@ -1,9 +1,9 @@
 """The image as far as no engine is needed: what is copied exists, what runs has no rights."""
 
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.demonstrations import ROOT
+
 IMAGE = (ROOT / "service" / "Dockerfile").read_text()
 LINES = IMAGE.replace("\\\n", " ").splitlines()
 

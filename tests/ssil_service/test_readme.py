@@ -9,14 +9,13 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from conftest import drives
-from ssil_service import create_app
-from ssil_service.launching import free_port
-from ssil_service.settings import Settings
 
 import ssil_data as sd
+from ssil_service import create_app
+from ssil_service.server.launch import free_port
+from ssil_service.settings import Settings
+from support.demonstrations import ROOT, drives
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "service" / "README.md").read_text()
 BLOCKS = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
 

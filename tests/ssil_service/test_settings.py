@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from ssil_service.settings import read_settings
 
 from ssil_data.errors import InvalidInputError
+from ssil_service.settings import read_settings
 
 WRITE_KEY = "writes-and-deletes-too"
 

@@ -13,14 +13,14 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON, pairs_table, rows_of_matrix
 from ssil_data.errors import NotFoundError, SsilDataError
-from ssil_service.answers import EpisodesPage, PairsPage
-from ssil_service.catalogue import Snapshot
 from ssil_service.context import context
-from ssil_service.negotiation import wanted
-from ssil_service.openapi import bulk, problems
-from ssil_service.paging import page, paged, tag_of, unchanged
+from ssil_service.formats.responses import wanted
+from ssil_service.http.openapi import bulk, problems
+from ssil_service.queries.catalog import Snapshot
+from ssil_service.routes.pages import page, paged, tag_of, unchanged
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, Version
-from ssil_service.schemas import Datasets, DatasetSummary, Versions
+from ssil_service.schemas.requests import Datasets, DatasetSummary, Versions
+from ssil_service.schemas.responses import EpisodesPage, PairsPage
 
 router = APIRouter(prefix="/v1", tags=["datasets"])
 

@@ -8,13 +8,13 @@ from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
 from ssil_service.context import Context, context
-from ssil_service.intake import RUN_BYTES
+from ssil_service.formats.arrow import MOST_BATCHES
+from ssil_service.http.openapi import problems
 from ssil_service.metrics import CONTENT_TYPE
-from ssil_service.openapi import problems
 from ssil_service.problems import busy
+from ssil_service.routes.bodies import RUN_BYTES
 from ssil_service.routes.parameters import MOST_CONTRIBUTORS, MOST_SECONDS
-from ssil_service.schemas import Health, Limits
-from ssil_service.streams import MOST_BATCHES
+from ssil_service.schemas.requests import Health, Limits
 
 open_router = APIRouter(tags=["operation"])
 router = APIRouter(tags=["operation"])

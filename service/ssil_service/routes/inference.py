@@ -17,21 +17,21 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_data.demonstrations import Pairs
-from ssil_service import tensors
-from ssil_service.answers import (
+from ssil_service.context import Context, context
+from ssil_service.formats import inference_tensors as tensors
+from ssil_service.formats.arrays import checked
+from ssil_service.http.openapi import json_body, problems
+from ssil_service.problems import Problem
+from ssil_service.queries.model_names import Model, found_model
+from ssil_service.routes.bodies import counted, media_type, off_loop
+from ssil_service.routes.health import refuse_unready
+from ssil_service.schemas.responses import (
     InferenceAnswer,
     InferenceRequest,
     ModelMetadata,
     Ready,
     ServerMetadata,
 )
-from ssil_service.cells import checked
-from ssil_service.context import Context, context
-from ssil_service.intake import counted, media_type, off_loop
-from ssil_service.models import Model, found_model
-from ssil_service.openapi import json_body, problems
-from ssil_service.problems import Problem
-from ssil_service.routes.health import refuse_unready
 
 open_router = APIRouter(prefix="/v2", tags=["inference"])
 router = APIRouter(prefix="/v2", tags=["inference"])

@@ -12,11 +12,11 @@ from starlette.responses import Response, StreamingResponse
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import Context, context
-from ssil_service.journal import ENDED
-from ssil_service.negotiation import wanted
-from ssil_service.openapi import events as events_of
-from ssil_service.openapi import problems
-from ssil_service.schemas import Job, Jobs
+from ssil_service.formats.responses import wanted
+from ssil_service.http.openapi import events as events_of
+from ssil_service.http.openapi import problems
+from ssil_service.jobs.journal import ENDED
+from ssil_service.schemas.requests import Job, Jobs
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 writing = APIRouter(prefix="/v1/jobs", tags=["jobs"])

@@ -9,7 +9,7 @@ from fastapi.dependencies.utils import get_flat_params
 from fastapi.params import Query as QueryField
 
 from ssil_service.problems import SHOWN, Fault, Problem
-from ssil_service.schemas import NAME
+from ssil_service.schemas.requests import NAME
 
 MOST_CONTRIBUTORS = 256
 MOST_SECONDS = 60.0

@@ -9,14 +9,14 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from ssil_data.client.wire import rows_of_matrix
-from ssil_data.rows import PARTS
-from ssil_service.answers import CoRAnswer, LCoRAnswer, ScoreAnswer, SumsAnswer
+from ssil_data.store.arrow_schema import PARTS
 from ssil_service.context import context
-from ssil_service.intake import off_loop, pairs_body, states_body
-from ssil_service.negotiation import table_response, wanted
-from ssil_service.openapi import bulk, bulk_body, problems
-from ssil_service.paging import most_rows
+from ssil_service.formats.responses import table_response, wanted
+from ssil_service.http.openapi import bulk, bulk_body, problems
+from ssil_service.http.route_cache import remembered
 from ssil_service.problems import Fault, Problem
+from ssil_service.routes.bodies import off_loop, pairs_body, states_body
+from ssil_service.routes.pages import most_rows
 from ssil_service.routes.parameters import (
     Alpha,
     Contributors,
@@ -26,8 +26,8 @@ from ssil_service.routes.parameters import (
     Tolerance,
     Version,
 )
-from ssil_service.schemas import PairsBody, StatesBody
-from ssil_service.shortcut import remembered
+from ssil_service.schemas.requests import PairsBody, StatesBody
+from ssil_service.schemas.responses import CoRAnswer, LCoRAnswer, ScoreAnswer, SumsAnswer
 
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
 

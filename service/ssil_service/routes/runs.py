@@ -13,21 +13,21 @@ from fastapi import APIRouter, Header, Query, Request
 from pydantic_core import to_json
 from starlette.responses import Response
 
-from ssil_data import leverage as scales
+from ssil_data import scales
 from ssil_data.client.wire import IDEMPOTENCY, JSON
 from ssil_data.estimators import from_json
 from ssil_data.estimators import to_json as settings_json
-from ssil_service.answers import LeveragePage
-from ssil_service.catalogue import Snapshot
 from ssil_service.context import Context, context
-from ssil_service.intake import media_type, settings_body
-from ssil_service.jobs import Order
-from ssil_service.negotiation import wanted
-from ssil_service.openapi import bulk, json_body, problems
-from ssil_service.paging import page, paged, tag_of, unchanged
+from ssil_service.formats.responses import wanted
+from ssil_service.http.openapi import bulk, json_body, problems
+from ssil_service.jobs.queue import Order
+from ssil_service.queries.catalog import Snapshot
+from ssil_service.routes.bodies import media_type, settings_body
 from ssil_service.routes.datasets import refuse_unknown_episode
+from ssil_service.routes.pages import page, paged, tag_of, unchanged
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
-from ssil_service.schemas import FitBody, Job, RescoreBody, RunRecord, RunRecords
+from ssil_service.schemas.requests import FitBody, Job, RescoreBody, RunRecord, RunRecords
+from ssil_service.schemas.responses import LeveragePage
 
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])
 writing = APIRouter(prefix="/v1/datasets/{dataset}/runs", tags=["runs"])

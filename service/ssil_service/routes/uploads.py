@@ -12,13 +12,13 @@ from starlette.responses import Response
 from ssil_data.client.wire import ARROW, IDEMPOTENCY, JSON, PARQUET
 from ssil_data.errors import ConflictError
 from ssil_service.context import context
-from ssil_service.intake import media_type
-from ssil_service.openapi import problems, upload_body
-from ssil_service.paging import refuse_unmatched, tag_of
+from ssil_service.http.openapi import problems, upload_body
 from ssil_service.problems import Problem
+from ssil_service.routes.bodies import media_type
 from ssil_service.routes.datasets import summary
+from ssil_service.routes.pages import refuse_unmatched, tag_of
 from ssil_service.routes.parameters import DatasetName
-from ssil_service.schemas import DatasetSummary
+from ssil_service.schemas.requests import DatasetSummary
 
 writing = APIRouter(prefix="/v1/datasets/{dataset}", tags=["datasets"])
 

@@ -10,7 +10,7 @@ from sklearn.metrics import roc_auc_score
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import GPR, MDN, VAE, Estimator
-from ssil_data.leverage import MinMax, Quantile
+from ssil_data.scales import MinMax, Quantile
 
 h5py = pytest.importorskip("h5py")
 

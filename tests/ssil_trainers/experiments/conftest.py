@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ssil_trainers.experiments.plan import Plan
-from ssil_trainers.experiments.protocol import Row, Table
-from ssil_trainers.settings import TrainSettings
 
 from ssil_data.demonstrations import Episode
 from ssil_data.store import Store
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.experiments.plan import Plan
+from ssil_trainers.experiments.protocol import Row, Table
 
 SMALL = TrainSettings(
     environments=2, horizon=16, hidden=8, boundary=2, evaluations=1, cloning_steps=5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from ssil_trainers.experiments import paper
 from ssil_trainers.experiments.claims import claims, controls
 from ssil_trainers.experiments.ledger import (

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from conftest import drive
-from ssil_trainers.experiments.lessons import labeled_dataset, working_copy
-
-from ssil_data.dataset import Dataset
 from ssil_data.store import Store
+from ssil_data.store.dataset import Dataset
+from ssil_trainers.experiments.lessons import labeled_dataset, working_copy
+from support.demonstrations import drive
 
 
 def test_a_working_copy_is_made_once_for_each_version(

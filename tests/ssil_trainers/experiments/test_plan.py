@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from ssil_data.scoring import preset
+from ssil_data.store import Store
 from ssil_trainers.experiments.cells import Training
 from ssil_trainers.experiments.lessons import Fit
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.protocol import Row
-
-from ssil_data.scoring import preset
-from ssil_data.store import Store
 
 
 @pytest.fixture

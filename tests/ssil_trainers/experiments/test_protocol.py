@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.experiments import charts, paper
 from ssil_trainers.experiments.protocol import (
     FEW_LABELS,
@@ -14,8 +17,6 @@ from ssil_trainers.experiments.protocol import (
     TRAINING_TABLES,
     Table,
 )
-from ssil_trainers.methods import METHODS
-from ssil_trainers.settings import TrainSettings
 
 TRACKS = tuple(f"rc-lidar?track={name}" for name in ("attic", "cellar", "garage", "loft"))
 

@@ -17,7 +17,13 @@ import numpy as np
 import pytest
 import torch
 import vl_convert
-from ssil_trainers.envs.rc_lidar import RCLidarEnv
+
+from ssil_data.cli import main
+from ssil_trainers.algorithms.config import PAPER, TrainSettings
+from ssil_trainers.collection.pure_pursuit import Pursuit
+from ssil_trainers.collection.rc_lidar import RCSettings
+from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+from ssil_trainers.envs.registry import single
 from ssil_trainers.experiments import reproduce as command
 from ssil_trainers.experiments.cells import FIRST_TEST_SEED
 from ssil_trainers.experiments.plan import Plan
@@ -25,12 +31,6 @@ from ssil_trainers.experiments.pool import pool
 from ssil_trainers.experiments.protocol import RC_LIDAR
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
-from ssil_trainers.rc_demonstrations import RCSettings
-from ssil_trainers.rc_driver import Pursuit
-from ssil_trainers.settings import PAPER, TrainSettings
-from ssil_trainers.tasks import single
-
-from ssil_data.cli import main
 
 
 def files(folder: Path) -> dict[str, int]:

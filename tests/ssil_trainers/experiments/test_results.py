@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from ssil_trainers.experiments.page import saturated
 from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR, Row, Table
 from ssil_trainers.experiments.results import Results

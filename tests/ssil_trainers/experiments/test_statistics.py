@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import trim_mean
+
 from ssil_trainers.experiments.statistics import (
     Curve,
     Summary,

@@ -4,11 +4,11 @@ import gymnasium
 
 gymnasium.register(
     id="SSILRacetrack-v0",
-    entry_point="ssil_trainers.envs.racetrack:RacetrackEnv",
-    vector_entry_point="ssil_trainers.envs.racetrack_twin:RacetrackVectorEnv",
+    entry_point="ssil_trainers.envs.racetrack.env:RacetrackEnv",
+    vector_entry_point="ssil_trainers.envs.racetrack.twin:RacetrackVectorEnv",
 )
 gymnasium.register(
     id="RCLidar-v0",
-    entry_point="ssil_trainers.envs.rc_lidar:RCLidarEnv",
-    vector_entry_point="ssil_trainers.envs.rc_lidar:RCLidarVectorEnv",
+    entry_point="ssil_trainers.envs.rc_lidar.env:RCLidarEnv",
+    vector_entry_point="ssil_trainers.envs.rc_lidar.env:RCLidarVectorEnv",
 )

@@ -14,17 +14,17 @@ import numpy as np
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import quality
-from ssil_data.storage import Folder
 from ssil_data.store import Store
-from ssil_trainers.evaluate import drive
+from ssil_data.store.folder import Folder
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.methods import METHODS
+from ssil_trainers.algorithms.policy import Policy
+from ssil_trainers.commands.evaluate import drive
+from ssil_trainers.envs.registry import side_by_side, single
 from ssil_trainers.experiments.lessons import Fit
 from ssil_trainers.experiments.protocol import Table
-from ssil_trainers.methods import METHODS
-from ssil_trainers.origin import Lessons
-from ssil_trainers.policy import Policy
-from ssil_trainers.settings import TrainSettings
-from ssil_trainers.tasks import side_by_side, single
-from ssil_trainers.training import Job, train
+from ssil_trainers.training.data_source import Lessons
+from ssil_trainers.training.run import Job, train
 
 FIRST_TEST_SEED = 10_000
 """Where an episode of a test starts: at this seed and those after it, for every policy."""

@@ -13,7 +13,7 @@ from ssil_data.errors import InvalidInputError
 from ssil_data.scoring import preset, score
 from ssil_data.store import Store
 from ssil_trainers.experiments.identity import code
-from ssil_trainers.labels import with_labels
+from ssil_trainers.training.label_subset import with_labels
 
 
 @dataclass(frozen=True)

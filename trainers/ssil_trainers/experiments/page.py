@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ssil_data.report.rendering import MINUS, rendered
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.collection.racetrack import RacetrackSettings
 from ssil_trainers.experiments import charts, paper
 from ssil_trainers.experiments.ledger import TIE, by_chance
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.protocol import Table
 from ssil_trainers.experiments.results import Record, Results
-from ssil_trainers.racetrack_demonstrations import RacetrackSettings
-from ssil_trainers.settings import TrainSettings
 
 HERE = Path(__file__).parent
 FULL = 0.9995

@@ -10,6 +10,8 @@ from typing import Any
 
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.store import Store
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.experiments.cells import (
     FIRST_TEST_SEED,
     Cell,
@@ -28,8 +30,6 @@ from ssil_trainers.experiments.protocol import (
     Row,
     Table,
 )
-from ssil_trainers.methods import METHODS
-from ssil_trainers.settings import TrainSettings
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ssil_trainers.settings import TrainSettings
+from ssil_trainers.algorithms.config import TrainSettings
 
 ESTIMATORS = ("gpr", "mdn", "vae", "windowvae")
 SHARED_RUN = "windowvae"

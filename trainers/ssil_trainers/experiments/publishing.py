@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from ssil_data.storage import Folder
+from ssil_data.store.folder import Folder
 from ssil_trainers.experiments import identity
 from ssil_trainers.experiments.claims import claims, controls
 from ssil_trainers.experiments.ledger import Verdict

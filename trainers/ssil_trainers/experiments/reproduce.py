@@ -12,13 +12,13 @@ from cyclopts import Parameter
 
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
 from ssil_data.errors import InvalidInputError
+from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.experiments.ledger import FEWEST_SEEDS
 from ssil_trainers.experiments.plan import Plan, fits_of
 from ssil_trainers.experiments.pool import Tell, do, pool, processors
 from ssil_trainers.experiments.protocol import LEVERAGE, TRAINING_TABLES, Table
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
-from ssil_trainers.settings import PAPER, TrainSettings
 
 WHOLE, PARTIAL = Path("docs/reproduction"), Path("reproduction")
 FRESH_SEED = 300

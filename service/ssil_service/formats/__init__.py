@@ -1,0 +1,1 @@
+"""Bytes to arrays and back: JSON, Arrow, Parquet, tensors. No request and no context."""

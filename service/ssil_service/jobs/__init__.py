@@ -1,0 +1,1 @@
+"""Scoring jobs: a queue that survives the server."""

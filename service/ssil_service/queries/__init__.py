@@ -1,0 +1,1 @@
+"""What queries need: datasets and fields in memory, batching, and a bounded executor."""

@@ -1,0 +1,239 @@
+"""What goes over the wire as JSON: the bodies of questions and answers."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from typing import Annotated, Any, Literal, Union
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+
+from ssil_data.estimators import ESTIMATORS
+from ssil_data.scales import SCALES
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
+_MOST = float(np.finfo(np.float32).max)
+_MOST_INTEGER = 2**63 - 1
+
+
+def _whole(value: Any) -> Any:
+    """Take 3.0 for the integer that it is to JSON."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_Whole = BeforeValidator(_whole)
+Name = Annotated[str, Field(pattern=NAME, examples=["racetrack"])]
+Number = Annotated[float, Field(strict=True, ge=-_MOST, le=_MOST, allow_inf_nan=False)]
+Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER), _Whole]
+Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER), _Whole]
+Row = Annotated[list[Number], Field(min_length=1)]
+
+
+class Body(BaseModel):
+    """A body in which nothing is unknown."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class StatesBody(Body):
+    """States in raw units, one row each."""
+
+    states: list[Row]
+
+
+class PairsBody(Body):
+    """Pairs in raw units; rows of one episode are adjacent and their steps rise by one."""
+
+    states: list[Row]
+    actions: list[Row]
+    episode: list[Integer] | None = None
+    step: list[Integer] | None = None
+
+
+def _settings(kind: str, settings: type) -> type[BaseModel]:
+    """Return the settings of an estimator as a body: the dataclass's own fields and defaults."""
+    described: dict[str, Any] = {"kind": (Literal[kind], ...)}
+    for field in fields(settings):
+        default = field.default
+        assert default is not MISSING
+        if isinstance(default, bool):
+            described[field.name] = (Annotated[bool, Field(strict=True)], default)
+        elif isinstance(default, int):
+            whole = Annotated[int, Field(strict=True, gt=0, le=10**6), _Whole]
+            described[field.name] = (whole, default)
+        else:
+            real = Annotated[float, Field(strict=True, allow_inf_nan=False, **_bounds(kind))]
+            described[field.name] = (real, default)
+    title = settings.__name__
+    return create_model(title, __base__=Body, __doc__=_first_line(settings), **described)
+
+
+def _bounds(kind: str) -> dict[str, Any]:
+    shares = {"quantile": {"ge": 0, "le": 1}, "conformal": {"gt": 0, "lt": 1}}
+    return shares.get(kind, {"gt": 0, "le": _MOST})
+
+
+def _first_line(settings: type) -> str:
+    return (settings.__doc__ or "").partition("\n")[0]
+
+
+EstimatorBody = Annotated[
+    Union[tuple(_settings(kind, each) for kind, each in ESTIMATORS.items())],  # noqa: UP007
+    Field(discriminator="kind"),
+]
+ScaleBody = Annotated[
+    Union[tuple(_settings(kind, each) for kind, each in SCALES.items())],  # noqa: UP007
+    Field(discriminator="kind"),
+]
+
+
+class FitBody(Body):
+    """Fit an estimator on the labeled pairs and give every pair a leverage."""
+
+    estimator: EstimatorBody  # pyright: ignore[reportInvalidTypeForm]
+    scale: ScaleBody = Field(default_factory=lambda: _quantile(), validate_default=True)  # pyright: ignore
+    labeled_is_one: Annotated[bool, Field(strict=True)] = False
+    seed: Seed = 0
+    run: Name | None = None
+    version: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")] | None = None
+
+
+class FittedRun(Body):
+    """A run whose estimator and scale are to be used as they are."""
+
+    dataset: Name | None = None
+    run: Name
+
+
+class RescoreBody(Body):
+    """Give every pair a leverage with what another run fitted."""
+
+    fitted: FittedRun
+    run: Name | None = None
+    version: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")] | None = None
+
+
+def _quantile() -> Any:
+    return {"kind": "quantile"}
+
+
+class DatasetSummary(BaseModel):
+    """A dataset's newest version, or the one that was asked for."""
+
+    dataset: str
+    version: str
+    pairs: int
+    episodes: int
+    labeled: int
+    state_names: list[str]
+    action_names: list[str]
+    runs: list[str]
+
+
+class Datasets(BaseModel):
+    """The datasets of the store."""
+
+    datasets: list[DatasetSummary]
+
+
+class Versions(BaseModel):
+    """The fingerprints of all versions, the newest last."""
+
+    versions: list[str]
+
+
+class RunRecord(BaseModel):
+    """A scoring run: what it was made from, how, and what it needs to be used."""
+
+    run: str
+    dataset: str
+    dataset_version: str
+    estimator: dict[str, Any]
+    preset: str | None
+    scale: dict[str, Any]
+    fitted_scale: dict[str, Any]
+    labeled_is_one: bool
+    seed: int
+    pairs: int
+    labeled: int
+    seconds: float
+    alpha: float
+    shift: list[float]
+    spread: list[float]
+    created: str
+    ssil_data: str
+    model: str
+
+
+class RunRecords(BaseModel):
+    """The runs of all versions of a dataset, oldest first."""
+
+    runs: list[RunRecord]
+
+
+class Progress(BaseModel):
+    """How far a job is with one thing it does."""
+
+    what: str
+    done: int
+    of: int
+
+
+class JobError(BaseModel):
+    """Why a job made no run."""
+
+    kind: str
+    detail: str
+
+
+class Job(BaseModel):
+    """A scoring job."""
+
+    job: str
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    dataset: str
+    run: str | None
+    progress: Progress | None
+    error: JobError | None
+    created: str
+    started: str | None
+    ended: str | None
+
+
+class Jobs(BaseModel):
+    """Jobs, the newest first."""
+
+    jobs: list[Job]
+
+
+class Health(BaseModel):
+    """Whether the service lives, or is ready."""
+
+    status: str
+
+
+class Limits(BaseModel):
+    """What the service takes at most."""
+
+    body_bytes: int
+    json_bytes: int
+    run_bytes: int
+    held_bytes: int
+    upload_bytes: int
+    decoded_bytes: int
+    query_rows: int
+    batches: int
+    page_rows: int
+    contributors: int
+    seconds: float
+    requests: int
+    event_streams: int
+    connections: int
+    computing: int
+    waiting: int
+    jobs: int
+    job_queue: int
+    job_seconds: float
+    decode_seconds: float
+    body_seconds: float
+    send_seconds: float

@@ -1,0 +1,1 @@
+"""Processes that may be killed: fits, and bodies that only they may open."""

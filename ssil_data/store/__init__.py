@@ -1,0 +1,7 @@
+"""The demonstration store: datasets and runs in versioned Delta Lake tables of plain Parquet."""
+
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.runs import Run, Runs
+from ssil_data.store.store import Store
+
+__all__ = ["Dataset", "Run", "Runs", "Store"]

@@ -1,0 +1,251 @@
+"""The command does the job from a shell: exit status, JSON, one message for a mistake."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssil_data.cli import app, main
+from support.demonstrations import drives
+
+
+def arrays() -> dict[str, np.ndarray]:
+    episodes = drives()
+    lengths = [len(episode) for episode in episodes]
+    return {
+        "states": np.concatenate([episode.states for episode in episodes]),
+        "actions": np.concatenate([episode.actions for episode in episodes]),
+        "episode": np.repeat(np.arange(len(episodes)), lengths),
+        "labeled": np.repeat([episode.labeled for episode in episodes], lengths),
+        "tier": np.repeat([str(episode.tier) for episode in episodes], lengths),
+        "score": np.repeat([episode.score or 0.0 for episode in episodes], lengths),
+    }
+
+
+class Shell:
+    """Runs commands in this process against one store."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+        self.folder, self._capsys = folder, capsys
+        monkeypatch.setenv("SSIL_STORE", str(folder / "store"))
+        np.savez(folder / "drives.npz", **arrays())
+
+    def __call__(self, *words: object) -> str:
+        status, out, err = self.run(*words)
+        assert status == 0, err
+        return out
+
+    def json(self, *words: object) -> Any:
+        return json.loads(self(*words, "--json"))
+
+    def refused(self, *words: object) -> str:
+        before = sorted(self.folder.rglob("*"))
+        status, out, err = self.run(*words)
+        assert (status, out) == (2, "")
+        assert sorted(self.folder.rglob("*")) == before
+        return err
+
+    def run(self, *words: object) -> tuple[int, str, str]:
+        status = 0
+        try:
+            main([str(word) for word in words])
+        except SystemExit as end:
+            status = end.code if isinstance(end.code, int) else 0
+        captured = self._capsys.readouterr()
+        return status, captured.out, captured.err
+
+
+@pytest.fixture
+def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> Shell:
+    return Shell(tmp_path, monkeypatch, capsys)
+
+
+@pytest.fixture
+def scored(shell: Shell) -> Shell:
+    shell("import", shell.folder / "drives.npz", "--name", "drives")
+    shell("score", "drives", "--estimator", "gpr")
+    return shell
+
+
+def test_help_names_every_command(shell: Shell):
+    out = shell("--help")
+    for command in ("datasets", "import", "validate", "score", "show", "lcor", "report", "collect"):
+        assert command in out
+
+
+def test_help_imports_neither_torch_nor_arrow():
+    code = (
+        "import sys; sys.argv = ['ssil-data', '--help']\n"
+        "from ssil_data.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "print([m for m in ('torch', 'pyarrow', 'numpy', 'altair') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("command", [c for c in app if not c.startswith("-")])
+def test_every_command_has_help(shell: Shell, command: str):
+    assert "Usage: ssil-data" in shell(command, "--help")
+
+
+def test_import_score_show_as_json(shell: Shell):
+    row = shell.json("import", shell.folder / "drives.npz", "--name", "drives")
+    assert (row["dataset"], row["episodes"], row["labeled"]) == ("drives", 11, 120)
+    assert [d["dataset"] for d in shell.json("datasets")["datasets"]] == ["drives"]
+    for preset in ("default", "paper"):
+        run = shell.json(
+            "score",
+            "drives",
+            "--estimator",
+            "gpr",
+            "--preset",
+            preset,
+            "--seed",
+            5,
+            "--run",
+            preset,
+        )
+        expected = {
+            "run": preset,
+            "dataset": "drives",
+            "estimator": "gpr",
+            "preset": preset,
+            "seed": 5,
+        }
+        assert {key: run[key] for key in expected} == expected
+        assert run["dataset_version"] == row["version"]
+        assert run["pairs"] == row["pairs"]
+        assert run["scale"] == {"default": "quantile", "paper": "minmax"}[preset]
+        assert run["seconds"] > 0
+    shown = shell.json("show", "drives")["runs"]
+    assert [run["run"] for run in shown] == ["default", "paper"]
+    for run in shown:
+        assert list(run["mean_leverage_by_tier"]) == ["0-25", "50-75", "expert"]
+        assert 0.5 < run["auroc"] <= 1
+        assert 0.5 < run["auroc_length_matched"] <= 1
+        assert -1 <= run["spearman"] <= 1
+
+
+def test_tables_for_people_have_a_row_per_run(scored: Shell):
+    out = scored("show", "drives")
+    assert "gpr" in out
+    assert "AUROC" in out
+    assert "drives" in scored("datasets")
+
+
+def test_lcor_from_files_of_any_kind_and_along_an_episode(scored: Shell):
+    states = arrays()["states"][:7]
+    np.save(scored.folder / "states.npy", states)
+    np.savez(scored.folder / "states.npz", states=states)
+    np.savetxt(scored.folder / "states.csv", states, delimiter=",", header="a,b,c", comments="")
+    answers = [
+        scored.json("lcor", "drives", "--run", "gpr", "--states", scored.folder / f"states.{kind}")
+        for kind in ("npy", "npz", "csv")
+    ]
+    assert set(answers[0]) == {"alpha", "lcor", "effective_sample_size", "half_width"}
+    assert answers[0]["lcor"] == answers[1]["lcor"] == pytest.approx(answers[2]["lcor"])
+    along = scored.json("lcor", "drives", "--run", "gpr", "--episode", 0, "--alpha", 3)
+    assert along["alpha"] == 3
+    assert len(along["lcor"]) == 60
+    top = scored.json("lcor", "drives", "--run", "gpr", "--episode", 0, "--contributors", 2)
+    assert top["contributors"][5][0]["episode"] == 0
+    assert top["contributors"][5][0]["step"] == 5
+    assert "LCoR" in scored("lcor", "drives", "--run", "gpr", "--episode", 0)
+
+
+def test_a_fitted_run_scores_again_and_another_dataset(scored: Shell):
+    again = scored.json("score", "drives", "--fitted", "gpr")
+    assert (again["run"], again["estimator"]) == ("gpr-2", "gpr")
+    scored("import", scored.folder / "drives.npz", "--name", "other", "--labeled", 5)
+    assert scored.json("score", "other", "--fitted", "drives/gpr")["dataset"] == "other"
+
+
+def test_appending_makes_runs_of_the_earlier_version_refused(scored: Shell):
+    scored("import", scored.folder / "drives.npz", "--name", "drives", "--append")
+    assert scored.json("show", "drives")["runs"] == []
+    assert "earlier versions" in scored("show", "drives")
+    np.save(scored.folder / "s.npy", arrays()["states"][:2])
+    message = scored.refused("lcor", "drives", "--run", "gpr", "--states", scored.folder / "s.npy")
+    assert "expected one made from version" in message
+
+
+def test_validate_finds_a_flipped_bit(scored: Shell):
+    assert "every file is as it was written" in scored("validate", "drives")
+    (path,) = (scored.folder / "store" / "drives" / "leverage").rglob("*.parquet")
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+    status, out, _ = scored.run("validate", "drives", "--json")
+    assert status == 1
+    assert path.name in json.loads(out)["damaged"][0]
+
+
+def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
+    drives_file = scored.folder / "drives.npz"
+    np.save(scored.folder / "narrow.npy", np.ones((2, 2)))
+    np.save(scored.folder / "nan.npy", np.full((2, 3), np.nan))
+    np.save(scored.folder / "states.npy", np.ones((2, 3)))
+    bad = {**arrays(), "states": np.full((330, 3), np.inf)}
+    np.savez(scored.folder / "bad.npz", **{k: v[: len(bad["states"])] for k, v in bad.items()})
+    ask = ("lcor", "drives", "--run", "gpr", "--states")
+    cases = {
+        "found 'other'": ("show", "other"),
+        "found ['--preset', '--seed']": (
+            *("score", "drives", "--fitted", "gpr", "--preset", "paper", "--seed", 7),
+        ),
+        "expected ['states[0]', 'states[1]', 'states[2]'] as in the dataset": (
+            *("import", drives_file, "--name", "drives", "--append", "--state", "score"),
+        ),
+        "expected a folder or s3://": ("show", "drives", "--store", "foo://bar"),
+        "Not a directory": ("show", "drives", "--store", "/etc/passwd"),
+        "dataset name": ("score", "../drives", "--estimator", "vae"),
+        "run name": ("score", "drives", "--estimator", "gpr", "--run", "../x"),
+        "found neither": ("score", "drives"),
+        "found 'drives'": ("import", drives_file, "--name", "drives"),
+        "found 'z'": ("import", drives_file, "--name", "new", "--state", "z"),
+        "row 0, column 'states'[0]": ("import", scored.folder / "bad.npz", "--name", "new"),
+        "expected width 3, found 2": (*ask, scored.folder / "narrow.npy"),
+        "found nan at row 0": (*ask, scored.folder / "nan.npy"),
+        "expected a finite number > 0, found 0": (
+            *ask,
+            scored.folder / "states.npy",
+            "--alpha",
+            "0",
+        ),
+        "found -1": (*ask, scored.folder / "states.npy", "--alpha=-1"),
+        "found 'nope'": ("lcor", "drives", "--run", "nope", "--episode", 0),
+        "expected 0 to 10": ("lcor", "drives", "--run", "gpr", "--episode", 11),
+        "found both": (*ask, scored.folder / "states.npy", "--episode", 0),
+        "found none": ("import", scored.folder / "missing.csv", "--name", "new"),
+    }
+    for expected, words in cases.items():
+        message = scored.refused(*words)
+        assert expected in message, (words, message)
+        assert len(message.strip().splitlines()) == 1, message
+    for words in (("score", "drives", "--estimator", "pca"), ("score",), ("nothing",)):
+        status, _, _ = scored.run(*words)
+        assert status == 2
+
+
+def test_scoring_without_a_labeled_episode_says_so(shell: Shell):
+    given = {name: array for name, array in arrays().items() if name != "labeled"}
+    np.savez(shell.folder / "plain.npz", **given)
+    out = shell("import", shell.folder / "plain.npz", "--name", "plain")
+    assert "No episode is labeled" in out
+    assert "expected at least one" in shell.refused("score", "plain", "--estimator", "vae")
+
+
+def test_the_installed_command_runs(tmp_path: Path):
+    command = Path(sys.executable).with_name("ssil-data")
+    environment = {**os.environ, "SSIL_STORE": str(tmp_path)}
+    run = subprocess.run(
+        [command, "datasets", "--json"], capture_output=True, text=True, check=True, env=environment
+    )
+    assert json.loads(run.stdout) == {"datasets": []}

@@ -1,0 +1,81 @@
+"""Two servers on one store: each makes its own runs, and takes over from the dead alone."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+import ssil_data as sd
+from ssil_service import embedded
+from ssil_service.server.launch import Server
+
+RUNS = "v1/datasets/drives/runs"
+LONG = {"estimator": {"kind": "vae", "steps": 1_000_000}}
+
+
+def quick(seed: int) -> dict[str, Any]:
+    return {"estimator": {"kind": "vae", "steps": 10}, "seed": seed}
+
+
+def until(http: httpx.Client, job: str, *states: str) -> dict[str, Any]:
+    deadline = time.monotonic() + 60
+    while (found := http.get(f"v1/jobs/{job}").json())["state"] not in states:
+        assert time.monotonic() < deadline, found
+        time.sleep(0.05)
+    return found
+
+
+def listed(http: httpx.Client) -> list[dict[str, Any]]:
+    """Jobs without their progress, which only a job's own server knows."""
+    return [{**job, "progress": None} for job in http.get("v1/jobs").json()["jobs"]]
+
+
+def test_jobs_that_two_servers_are_asked_for_at_once_make_a_run_each(folder: Path):
+    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
+        clients = [first.connection.client, second.connection.client]
+
+        def ask(seed: int) -> dict[str, Any]:
+            return clients[seed % 2].post(RUNS, json=quick(seed)).json()
+
+        # FastAPI makes a route when it is first asked, and not in two threads of one process
+        jobs = [ask(0), ask(1)]
+        with ThreadPoolExecutor(6) as pool:
+            jobs += pool.map(ask, range(2, 8))
+        names = {job["run"] for job in jobs}
+        assert names == {f"vae-{number}" for number in range(2, 10)}
+        # each server shows the other's jobs as they are
+        for seed, job in enumerate(jobs):
+            done = until(clients[(seed + 1) % 2], job["job"], "succeeded", "failed")
+            assert (done["state"], done["run"]) == ("succeeded", job["run"])
+        runs = sd.Store(folder)["drives"].runs
+        assert [runs[job["run"]].seed for job in jobs] == list(range(8))
+        assert listed(clients[0]) == listed(clients[1])
+
+
+def test_a_server_that_starts_takes_over_from_the_dead_and_not_from_the_living(
+    folder: Path, serve: Callable[..., Server]
+):
+    dead = serve(folder, "--jobs", "1")
+    with embedded(folder, jobs=1) as living, httpx.Client(base_url=dead.url) as dying:
+        here = living.connection.client
+        own = here.post(RUNS, json={**LONG, "run": "own"}).json()["job"]
+        cut = dying.post(RUNS, json={**LONG, "run": "cut"}).json()["job"]
+        waiting = dying.post(RUNS, json={**quick(1), "run": "waiting"}).json()["job"]
+        until(here, own, "running")
+        until(here, cut, "running")
+        dead.kill()
+        with embedded(folder, jobs=1) as third:
+            there = third.connection.client
+            assert until(there, cut, "failed")["error"]["kind"] == "ServerStoppedError"
+            assert until(there, waiting, "succeeded")["run"] == "waiting"
+            assert there.get(f"v1/jobs/{own}").json()["state"] == "running"
+            assert there.post(f"v1/jobs/{own}/cancel").status_code == 409
+            assert there.delete("v1/datasets/drives").status_code == 409
+            assert there.post(RUNS, json={**quick(2), "run": "own"}).status_code == 409
+            here.post(f"v1/jobs/{own}/cancel")
+            assert until(there, own, "cancelled")["error"] is None
+            assert there.post(f"v1/jobs/{own}/cancel").json()["state"] == "cancelled"
+    assert sd.Store(folder)["drives"].runs.names() == ["vae", "waiting"]

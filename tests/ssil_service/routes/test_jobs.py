@@ -1,0 +1,224 @@
+"""Jobs: accepted durably, cancelled, found again after a crash, run by whichever server lives."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+import ssil_data as sd
+from ssil_data.client import RemoteStore, connect
+from ssil_service import embedded
+from ssil_service.server.launch import Server
+from support.demonstrations import drive
+
+Serve = Callable[..., Server]
+RUNS = "v1/datasets/drives/runs"
+QUICK = {"estimator": {"kind": "vae", "steps": 10}}
+LONG = {"estimator": {"kind": "vae", "steps": 1_000_000}}
+
+
+def ended(http: httpx.Client, job: str) -> dict[str, Any]:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        found = http.get(f"v1/jobs/{job}").json()
+        if found["state"] in ("succeeded", "failed", "cancelled"):
+            return found
+        time.sleep(0.05)
+    raise TimeoutError(job)
+
+
+def running(http: httpx.Client, job: str) -> None:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and http.get(f"v1/jobs/{job}").json()["progress"] is None:
+        time.sleep(0.05)
+
+
+def test_a_job_is_accepted_and_ends_with_its_run(http: httpx.Client, local: sd.Store):
+    answer = http.post(RUNS, json={**QUICK, "run": "mine", "seed": 3})
+    assert answer.status_code == 202
+    job = answer.json()
+    assert answer.headers["location"] == f"/v1/jobs/{job['job']}"
+    done = ended(http, job["job"])
+    assert (done["state"], done["run"], done["error"]) == ("succeeded", "mine", None)
+    assert done["progress"] == {"what": "score", "done": 420, "of": 420}
+    assert local["drives"].runs["mine"].seed == 3
+    assert http.get(f"{RUNS}/mine").json()["estimator"]["steps"] == 10
+
+
+def test_events_tell_a_job_to_its_end(http: httpx.Client):
+    job = http.post(RUNS, json=QUICK).json()["job"]
+    events = http.get(f"v1/jobs/{job}/events", headers={"Accept": "text/event-stream"})
+    lines = [line for line in events.text.splitlines() if line.startswith("data: ")]
+    states = [json.loads(line.removeprefix("data: "))["state"] for line in lines]
+    assert states[-1] == "succeeded"
+    assert states == sorted(states, key=["queued", "running", "succeeded"].index)
+
+
+def test_a_running_job_is_cancelled_and_leaves_nothing(http: httpx.Client, local: sd.Store):
+    job = http.post(RUNS, json={**LONG, "run": "never"}).json()["job"]
+    running(http, job)
+    http.post(f"v1/jobs/{job}/cancel")
+    assert ended(http, job)["state"] == "cancelled"
+    assert local["drives"].runs.names() == ["vae"]
+    assert http.post(f"v1/jobs/{job}/cancel").json()["state"] == "cancelled"
+
+
+def test_a_full_queue_refuses_with_a_time_to_wait(folder: Path):
+    with embedded(folder, jobs=1, job_queue=0, grace_seconds=0.1) as store:
+        client = store.connection.client
+        job = client.post(RUNS, json=LONG).json()["job"]
+        refused = client.post(RUNS, json=LONG)
+        assert refused.status_code == 429
+        assert int(refused.headers["retry-after"]) >= 1
+        client.post(f"v1/jobs/{job}/cancel")
+
+
+def test_a_job_that_takes_too_long_is_stopped(folder: Path):
+    with embedded(folder, jobs=1, job_seconds=3) as store:
+        client = store.connection.client
+        done = ended(client, client.post(RUNS, json=LONG).json()["job"])
+        assert (done["state"], done["error"]["kind"]) == ("failed", "TimeoutError")
+
+
+def test_a_job_that_takes_too_much_memory_fails_alone(folder: Path):
+    huge = {"kind": "vae", "hidden": 1_000_000, "latent": 1_000_000, "steps": 1}
+    with embedded(folder, jobs=1, job_bytes=2**31) as store:
+        client = store.connection.client
+        done = ended(client, client.post(RUNS, json={"estimator": huge}).json()["job"])
+        assert done["state"] == "failed"
+        done = ended(client, client.post(RUNS, json=QUICK).json()["job"])
+        assert done["state"] == "succeeded"
+
+
+def test_a_job_is_made_once_under_one_key(http: httpx.Client):
+    key = {"Idempotency-Key": "only-once"}
+    first = http.post(RUNS, json=QUICK, headers=key).json()["job"]
+    assert http.post(RUNS, json=QUICK, headers=key).json()["job"] == first
+    other = http.post(RUNS, json={**QUICK, "seed": 1}, headers=key)
+    assert other.status_code == 409
+    ended(http, first)
+
+
+def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
+    http: httpx.Client, local: sd.Store
+):
+    key, body = {"Idempotency-Key": "once-for-all"}, {**QUICK, "run": "mine"}
+    first = ended(http, http.post(RUNS, json=body, headers=key).json()["job"])
+    local["drives"].append([drive(9, 5)])
+    again = http.post(RUNS, json=body, headers=key)
+    assert (again.status_code, again.json()) == (202, first)
+    assert first["state"] == "succeeded"
+    assert http.post(RUNS, json=body).status_code == 409
+    versions = local["drives"].versions
+    for version in versions:
+        other = http.post(RUNS, json={**body, "version": version}, headers=key)
+        assert other.status_code == 409
+    assert http.delete("v1/datasets/drives").status_code == 204
+    assert http.post(RUNS, json=body, headers=key).json() == first
+
+
+def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):
+    key = {"Idempotency-Key": "to-whichever"}
+    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
+        clients = [first.connection.client, second.connection.client]
+        answers = [each.post(RUNS, json=QUICK, headers=key).json() for each in clients]
+        assert answers[0]["job"] == answers[1]["job"]
+        done = ended(clients[1], answers[0]["job"])
+    with embedded(folder, jobs=1) as third:
+        assert third.connection.client.post(RUNS, json=QUICK, headers=key).json() == done
+    assert sd.Store(folder)["drives"].runs.names() == ["vae", "vae-2"]
+
+
+def test_a_job_has_its_runs_name_when_it_is_accepted(http: httpx.Client):
+    waiting = [http.post(RUNS, json=body).json() for body in (LONG, QUICK, LONG)]
+    assert [job["run"] for job in waiting] == ["vae-2", "vae-3", "vae-4"]
+    assert http.post(RUNS, json={**QUICK, "run": "vae-3"}).status_code == 409
+    for job in (waiting[2], waiting[0]):
+        http.post(f"v1/jobs/{job['job']}/cancel")
+    assert ended(http, waiting[1]["job"])["run"] == "vae-3"
+    assert http.post(RUNS, json=QUICK).json()["run"] == "vae-2"
+
+
+def test_a_dataset_is_not_deleted_under_a_running_job(http: httpx.Client):
+    job = http.post(RUNS, json=LONG).json()["job"]
+    running(http, job)
+    assert http.delete("v1/datasets/drives").status_code == 409
+    http.post(f"v1/jobs/{job}/cancel")
+    ended(http, job)
+    assert http.delete("v1/datasets/drives").status_code == 204
+    assert http.get(RUNS).status_code == 404
+
+
+def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(http: httpx.Client):
+    assert http.post(RUNS, json={**QUICK, "run": "vae"}).status_code == 409
+    for wrong in (
+        {"estimator": {"kind": "nope"}},
+        {"estimator": {"kind": "vae", "steps": -1}},
+        {"estimator": {"kind": "vae", "surprise": 1}},
+        {"estimator": {"kind": "vae"}, "scale": {"kind": "quantile", "low": 0.9, "high": 0.1}},
+        {"estimator": {"kind": "vae"}, "run": "../up"},
+        {},
+    ):
+        assert http.post(RUNS, json=wrong).status_code == 422, wrong
+    assert http.post(RUNS, json={"fitted": {"run": "nope"}}).status_code == 404
+
+
+def test_a_killed_server_leaves_failed_and_waiting_jobs_to_the_next(folder: Path, serve: Serve):
+    first = serve(folder, "--jobs", "1")
+    with httpx.Client(base_url=first.url) as http:
+        done = http.post(RUNS, json={**QUICK, "run": "done"}).json()["job"]
+        ended(http, done)
+        cut = http.post(RUNS, json={**LONG, "run": "cut"}).json()["job"]
+        running(http, cut)
+        waiting = http.post(RUNS, json={**QUICK, "run": "waiting"}).json()["job"]
+    first.kill()
+    second = serve(folder, "--jobs", "1")
+    with httpx.Client(base_url=second.url) as http:
+        assert http.get(f"v1/jobs/{done}").json()["run"] == "done"
+        found = ended(http, cut)
+        assert (found["state"], found["error"]["kind"]) == ("failed", "ServerStoppedError")
+        assert ended(http, waiting)["run"] == "waiting"
+        assert len(http.get("v1/jobs").json()["jobs"]) == 3
+    assert sd.Store(folder)["drives"].runs.names() == ["done", "vae", "waiting"]
+    assert sd.Store(folder)["drives"].damaged() == []
+
+
+def test_two_servers_share_a_store(folder: Path, serve: Serve):
+    servers = [serve(folder, "--jobs", "1") for _ in range(2)]
+    stores: list[RemoteStore] = [connect(server.url) for server in servers]
+    runs = [store["drives"].score(sd.VAE(steps=10), seed=3).run for store in stores]
+    assert runs == ["vae-2", "vae-3"]
+    for store in stores:
+        assert sorted(store["drives"].runs.names()) == ["vae", *runs]
+    assert len(stores[0].connection.json("GET", "v1/jobs")["jobs"]) == 2
+    stores[0].create(
+        "other",
+        [sd.Episode([[1.0], [2.0]], [[0.0], [1.0]])],
+        state_names=["x"],
+        action_names=["a"],
+    )
+    assert stores[1].names() == ["drives", "other"]
+    stores[1].delete("other")
+    assert "other" not in stores[0]
+    for store in stores:
+        store.close()
+
+
+def test_an_orderly_end_finishes_what_was_accepted(folder: Path, serve: Serve):
+    server = serve(folder, "--jobs", "1")
+    with httpx.Client(base_url=server.url) as http:
+        job = http.post(RUNS, json={**QUICK, "run": "last"}).json()["job"]
+        running(http, job)
+    assert server.stop() == 0
+    assert sd.Store(folder)["drives"].runs["last"].run == "last"
+    assert list((folder / ".service" / "servers").iterdir()) == []
+
+
+@pytest.mark.parametrize("job", ["0" * 16, "f" * 16])
+def test_an_unknown_job_is_not_found(job: str, http: httpx.Client):
+    assert http.get(f"v1/jobs/{job}").status_code == 404
+    assert http.post(f"v1/jobs/{job}/cancel").status_code == 404

@@ -1,0 +1,266 @@
+"""The loop: every method solves the toy, what ignores its input does not, η follows its rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.learner import Learner, decayed
+from ssil_trainers.algorithms.methods import METHODS
+from ssil_trainers.algorithms.rollout import Driver, Rollout
+from ssil_trainers.algorithms.trpo import Step, TrustRegion
+from ssil_trainers.training.run import Job, Trained, train
+from support.toy_environment import STEPS, Line, demonstrations, expert, mean_return
+
+TOY = TrainSettings(
+    steps=50 * 16 * STEPS,
+    environments=16,
+    horizon=STEPS,
+    hidden=32,
+    discount=0.9,
+    kl=0.03,
+    entropy=0.0,
+    centred=False,
+    critic_rate=3e-3,
+    discriminator_rate=3e-3,
+    discriminator_steps=20,
+    discriminator_batch=64,
+    cloning_steps=600,
+    evaluate_every=100,
+)
+EXPERT = mean_return(expert)
+IGNORING = max(
+    mean_return(lambda states, a=a: np.full((len(states), 1), a)) for a in (-1.0, -0.3, 0, 0.3, 1.0)
+)
+"""The best that one and the same action everywhere can do."""
+
+
+def trained(method: str, settings: TrainSettings = TOY) -> Trained:
+    return train(Job(method, settings, demonstrations(), Line, {}))
+
+
+def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
+    assert EXPERT > -2
+    assert IGNORING < -10
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        "gail",
+        "gail-mixed",
+        "gail-leverage",
+        "mixgail",
+        "ssil",
+        "ssil-leverage",
+        "shuffled",
+        "clone",
+        "clone-leverage",
+    ],
+)
+def test_every_method_solves_the_toy(method: str) -> None:
+    assert mean_return(trained(method).policy) > -4
+
+
+def test_cloning_everybody_goes_astray_with_the_lost() -> None:
+    assert mean_return(trained("clone-mixed").policy) < -7
+
+
+def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
+    """Whether experts go to the goal or away from it, the policy is the same."""
+    of, settings = demonstrations(), replace(TOY, steps=10 * 16 * STEPS)
+    curves, weights = [], []
+    for actions in (of.actions, -of.actions):
+        job = Job("constant", settings, replace(of, actions=actions), Line, {})
+        result = train(job)
+        curves.append([moment.iteration for moment in result.curve if moment.iteration])
+        weights.append(result.policy.layers[0][0])
+    assert curves[0] == curves[1]
+    np.testing.assert_array_equal(*weights)
+    for iteration in curves[0]:
+        assert iteration.discriminator_reward == pytest.approx(np.log(2))
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"centred": True},
+        {"gradient_penalty": 0.1},
+        {"spectral_norm": True},
+        {"pretrained": True, "steps": 5 * 16 * STEPS},
+    ],
+    ids=lambda option: next(iter(option)),
+)
+def test_ssil_solves_the_toy_with_every_option(option: dict) -> None:
+    assert mean_return(trained("ssil", replace(TOY, **option)).policy) > -7
+
+
+def test_gail_never_learns_a_value_of_the_shaping() -> None:
+    learner = learner_of("gail")
+    learner.iterate()
+    of_c = learner.critics(learner._seen(learner.initial))[1]
+    assert not of_c.detach().numpy().any()
+
+
+def test_the_shaping_reaches_the_policy_and_never_the_discriminator() -> None:
+    """With a discriminator that learns nothing, LCoR alone moves the point to good states."""
+    settings = replace(TOY, discriminator_steps=0, eta=5.0, eta_decay=1.0)
+    last = trained("ssil", settings).curve[-1].iteration
+    first = trained("ssil", replace(settings, steps=1)).curve[-1].iteration
+    assert last.shaping > first.shaping
+    assert last.discriminator_reward == pytest.approx(np.log(2))
+    gail, ssil = learner_of("gail"), learner_of("ssil")
+    one, other = gail.iterate(), ssil.iterate()
+    assert (one.accuracy, one.discriminator_reward) == (other.accuracy, other.discriminator_reward)
+    assert one.shaping == 0 < other.shaping
+    weights = [each.policy.layers()[0][0] for each in (gail, ssil)]
+    assert (weights[0] != weights[1]).any()
+
+
+@pytest.mark.parametrize(
+    ("rise_d", "rise_c", "expected"), [(0.2, 0.1, 0.45), (0.1, 0.2, 0.5), (0.1, 0.1, 0.5)]
+)
+def test_eta_decays_when_the_discriminators_value_rises_more(
+    rise_d: float, rise_c: float, expected: float
+) -> None:
+    assert decayed(0.5, 0.9, rise_d=rise_d, rise_c=rise_c) == pytest.approx(expected)
+
+
+class Ends(Line):
+    """Every other episode really ends, the others run out of time."""
+
+    def step(self, actions: np.ndarray) -> tuple[Any, ...]:
+        state, reward, _, over, info = super().step(actions)
+        real = over & (np.arange(self.num_envs) % 2 == 0)
+        return state, reward, real, over & ~real, info
+
+
+def test_the_policy_steps_by_both_advantages_as_computed_by_hand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A = A_D + η A_C; D sees clipped actions, the policy those it drew; a time limit is no end."""
+    settings = replace(
+        TOY,
+        environments=4,
+        horizon=STEPS + 7,
+        eta=0.4,
+        eta_decay=1.0,
+        gae_lambda=0.6,
+        log_sigma=0.0,
+    )
+    learner = learner_of("ssil", settings, Ends)
+    learner.iterate()
+    critics, roll, rollouts, steps = deepcopy(learner.critics), learner.driver.roll, [], []
+
+    def rolled(*of: Any) -> Rollout:
+        rollouts.append(roll(*of))
+        return rollouts[-1]
+
+    def stepped(region: TrustRegion, *of: Any) -> Step:
+        steps.append(of)
+        return Step(0.0, taken=False)
+
+    monkeypatch.setattr(learner.driver, "roll", rolled)
+    monkeypatch.setattr(TrustRegion, "step", stepped)
+    learner.iterate()
+    (rollout,), ((_, _, actions, advantage),) = rollouts, steps
+    assert rollout.terminated.any() and (rollout.ended & ~rollout.terminated).any()
+    assert (rollout.actions != rollout.drawn).mean() > 0.1
+
+    with torch.no_grad():
+        seen = [learner._seen(states) for states in (rollout.states, rollout.next_states)]
+        clipped = torch.from_numpy(rollout.drawn.reshape(-1, 1).clip(-1, 1))
+        paid_d = learner.discriminator.reward(torch.cat([seen[0], clipped], dim=1)).numpy()
+        values, next_values = (critics(states).numpy() for states in seen)
+    paid_c = learner.shaping(rollout.states.reshape(-1, 2))
+    both = [
+        by_hand(rollout, *of, discount=settings.discount, gae_lambda=settings.gae_lambda)
+        for of in zip((paid_d, paid_c), values, next_values, strict=True)
+    ]
+    expected = both[0] + 0.4 * both[1]
+    expected = ((expected - expected.mean()) / expected.std()).ravel()
+    np.testing.assert_allclose(advantage.numpy(), expected, rtol=1e-3, atol=1e-4)
+    np.testing.assert_array_equal(actions.numpy(), rollout.drawn.reshape(-1, 1))
+
+
+def by_hand(
+    rollout: Rollout, *of_rows: np.ndarray, discount: float, gae_lambda: float
+) -> np.ndarray:
+    """Advantages (T, N) of rewards, values and next values (T · N,), one row after the other."""
+    shape = rollout.ended.shape
+    rewards, values, next_values = (part.reshape(shape) for part in of_rows)
+    result = np.zeros(shape)
+    for n in range(shape[1]):
+        later = 0.0
+        for t in reversed(range(shape[0])):
+            afterwards = 0.0 if rollout.terminated[t, n] else next_values[t, n]
+            later = 0.0 if rollout.ended[t, n] else later
+            later = (
+                rewards[t, n]
+                + discount * afterwards
+                - values[t, n]
+                + (discount * gae_lambda * later)
+            )
+            result[t, n] = later
+    return result
+
+
+def test_eta_follows_the_rule_in_the_loop() -> None:
+    learner = learner_of("ssil")
+    eta = learner.eta
+    for _ in range(6):
+        before = learner.critics(learner._seen(learner.initial)).mean(dim=1).tolist()
+        learner.iterate()
+        after = learner.critics(learner._seen(learner.initial)).mean(dim=1).tolist()
+        rises = after[0] - before[0], after[1] - before[1]
+        eta *= TOY.eta_decay if rises[0] > rises[1] else 1
+        assert learner.eta == pytest.approx(eta)
+
+
+def learner_of(
+    method: str, settings: TrainSettings = TOY, world: Callable[[int], Line] = Line
+) -> Learner:
+    of, row, driver = demonstrations(), METHODS[method], Driver(world(settings.environments))
+    experts = row.imitated(of, driver.box, of.standardiser)
+    learner = Learner(
+        settings,
+        driver=driver,
+        experts=experts,
+        shaping=row.shaping(of, settings.seed),
+        standardiser=of.standardiser,
+    )
+    learner.start_anew()
+    return learner
+
+
+def test_a_centred_shaping_pays_nobody_for_staying_alive() -> None:
+    """LCoR that is the same everywhere moves nothing when it is centred."""
+    plain, centred, gail = learner_of("ssil"), learner_of("ssil"), learner_of("gail")
+    centred.settings = replace(TOY, centred=True)
+    for learner in (plain, centred):
+        learner.shaping = lambda states: np.full(len(states), 0.7)
+    for learner in (plain, centred, gail):
+        assert learner.iterate().shaping == pytest.approx(0 if learner is gail else 0.7)
+    weights = [learner.policy.layers()[0][0] for learner in (plain, centred, gail)]
+    np.testing.assert_allclose(weights[1], weights[2], atol=1e-6)
+    assert np.abs(weights[0] - weights[2]).max() > 1e-4
+
+
+def test_the_environments_reward_is_not_read() -> None:
+    class Lying(Line):
+        def step(self, actions):
+            state, reward, *rest = super().step(actions)
+            return state, np.full_like(reward, np.nan), *rest
+
+    learner = learner_of("ssil")
+    lied_to = learner_of("ssil")
+    lied_to.driver = Driver(Lying(TOY.environments))
+    lied_to.start_anew()
+    assert lied_to.iterate() == learner.iterate()

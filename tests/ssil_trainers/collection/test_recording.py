@@ -1,0 +1,71 @@
+"""Recorded drives on a road of one dimension whose rewards are known by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from ssil_trainers.collection.recording import Course, first_pairs, record
+
+
+class Line(gymnasium.Env[np.ndarray, np.ndarray]):
+    """The state counts the steps; the reward is the new state; it ends after five steps."""
+
+    observation_space = Box(0.0, 9.0, (1,))
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.place = 0
+        return self._state()
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        self.place += 1
+        state, info = self._state()
+        return state, -1.0, self.place == 5, False, info | {"underlying_reward": self.place}
+
+    def _state(self) -> tuple[np.ndarray, dict[str, Any]]:
+        return np.array([self.place], dtype=np.float32), {"position": (self.place, 10.0)}
+
+
+def coast(state: np.ndarray) -> np.ndarray:
+    return np.zeros(1, dtype=np.float32)
+
+
+def test_states_and_positions_are_from_before_and_rewards_from_after_the_actions() -> None:
+    drive = record(Line(), coast, seed=0)
+    assert drive.states.ravel().tolist() == [0, 1, 2, 3, 4]
+    assert drive.positions.tolist() == [[step, 10] for step in range(5)]
+    assert drive.rewards.tolist() == [1, 2, 3, 4, 5]
+    assert (len(drive), drive.total, drive.ending) == (5, 15.0, "terminated")
+
+
+def test_trembling_is_drawn_from_the_seed_and_clipped() -> None:
+    drives = [record(Line(), coast, seed=seed, tremble=2.0) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(drives[0].actions, drives[1].actions)
+    assert (drives[0].actions != drives[2].actions).any()
+    assert all(np.abs(drive.actions).max() <= 1 for drive in drives)
+    assert record(Line(), coast, seed=1).actions.tolist() == [[0]] * 5
+
+
+def test_a_course_gives_every_drive_another_seed() -> None:
+    course = Course(Line(), first_seed=3, tremble=0.1)
+    first, second = course.drive(coast), course.drive(coast)
+    np.testing.assert_array_equal(
+        second.actions, record(Line(), coast, seed=4, tremble=0.1).actions
+    )
+    assert (first.actions != second.actions).any()
+    assert course.returns(coast, 2).tolist() == [15.0, 15.0]
+
+
+def test_the_last_drive_is_cut_to_the_wanted_pairs() -> None:
+    course = Course(Line())
+    drives = iter(lambda: course.drive(coast), None)
+    assert [pairs for _, pairs in first_pairs(drives, 12)] == [5, 5, 2]
+    assert [pairs for _, pairs in first_pairs(drives, 10)] == [5, 5]
+    assert [pairs for _, pairs in first_pairs(drives, 7, at_most=3)] == [3, 3, 1]

@@ -1,0 +1,178 @@
+"""Runs that are stopped, resumed and repeated end with the same bytes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from ssil_data.errors import ConflictError, InvalidInputError
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.policy import Policy
+from ssil_trainers.training.history import Moment
+from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, Job, train
+from support.toy_environment import STEPS, Line, demonstrations
+
+SETTINGS = TrainSettings(
+    steps=7 * 4 * STEPS,
+    environments=4,
+    horizon=STEPS // 2 * 2,
+    hidden=8,
+    discriminator_batch=16,
+    boundary=3,
+    evaluate_every=2,
+    evaluations=2,
+    pretrained=True,
+    cloning_steps=5,
+)
+
+
+def job(folder: Path | None, method: str = "ssil", **settings: object) -> Job:
+    chosen = replace(SETTINGS, **settings)
+    return Job(method, chosen, demonstrations(), Line, {"run": "toy"}, -2.0, folder)
+
+
+class Stop(KeyboardInterrupt):
+    """Ctrl-C."""
+
+
+def stop_after(iterations: int):
+    def seen(moment: Moment) -> None:
+        if moment.iteration is not None and moment.iteration.number == iterations:
+            raise Stop
+
+    return seen
+
+
+def test_same_seed_same_bytes_and_another_seed_others(tmp_path: Path) -> None:
+    files = []
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train(job(tmp_path / name, seed=seed))
+        files.append([(tmp_path / name / f).read_bytes() for f in (POLICY, CHECKPOINT, CURVE)])
+    assert files[0] == files[1]
+    assert all(one != other for one, other in zip(files[0], files[2], strict=True))
+
+
+@pytest.mark.parametrize("stops", [[1], [3], [4], [2, 5], [7]])
+@pytest.mark.parametrize("option", [{}, {"spectral_norm": True}])
+def test_interrupted_and_resumed_is_uninterrupted(
+    tmp_path: Path, stops: list[int], option: dict[str, bool]
+) -> None:
+    train(job(tmp_path / "whole", **option))
+    for stop in stops:
+        with pytest.raises(Stop):
+            train(job(tmp_path / "cut", **option), resume=True, seen=stop_after(stop))
+    result = train(job(tmp_path / "cut", **option), resume=True)
+    for name in (POLICY, CHECKPOINT, CURVE):
+        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert [moment.steps for moment in result.curve] == [80 * k for k in range(8)]
+
+
+def test_a_finished_run_goes_on_to_what_a_longer_one_gives(tmp_path: Path) -> None:
+    longer = SETTINGS.steps + 4 * 80
+    train(job(tmp_path / "whole", steps=longer))
+    train(job(tmp_path / "cut"))
+    train(job(tmp_path / "cut", steps=longer), resume=True)
+    whole, cut = (Policy.load(tmp_path / name / POLICY) for name in ("whole", "cut"))
+    for one, other in zip(whole.layers, cut.layers, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+
+
+def test_other_random_numbers_meanwhile_change_nothing(tmp_path: Path) -> None:
+    one = train(job(None)).policy
+    np.random.seed(5)  # noqa: NPY002
+    torch.manual_seed(5)
+
+    def disturb(moment: Moment) -> None:
+        np.random.random()  # noqa: NPY002
+        torch.rand(3)
+
+    other = train(job(None), seen=disturb).policy
+    np.testing.assert_array_equal(one.layers[0][0], other.layers[0][0])
+
+
+def test_after_ctrl_c_the_policy_so_far_can_be_driven(tmp_path: Path) -> None:
+    with pytest.raises(Stop):
+        train(job(tmp_path), seen=stop_after(5))
+    policy = Policy.load(tmp_path / POLICY)
+    assert policy.described["steps"] == 240
+    assert np.isfinite(policy(demonstrations().states)).all()
+
+
+def test_a_checkpoint_is_not_overwritten_unasked(tmp_path: Path) -> None:
+    train(job(tmp_path))
+    with pytest.raises(ConflictError, match="--resume goes on"):
+        train(job(tmp_path))
+
+
+@pytest.mark.parametrize("iterations", [2, 6])
+def test_fewer_steps_than_a_policy_has_learned_for_leave_it_alone(
+    tmp_path: Path, iterations: int
+) -> None:
+    train(job(tmp_path))
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(ConflictError, match="expected at least the 560 that the policy"):
+        train(job(tmp_path, steps=iterations * 80), resume=True)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_checkpoint_of_another_job_is_refused_with_what_differs(tmp_path: Path) -> None:
+    train(job(tmp_path))
+    with pytest.raises(ConflictError, match=r"kl 0.01 as before, found 0.02"):
+        train(job(tmp_path, kl=0.02), resume=True)
+    with pytest.raises(ConflictError, match="'ssil' as before, found 'gail'"):
+        train(job(tmp_path, "gail"), resume=True)
+    with pytest.raises(ConflictError, match="run 'toy' as before, found 'other'"):
+        train(replace(job(tmp_path), origin={"run": "other"}), resume=True)
+
+
+def test_the_curve_has_a_row_per_iteration_and_scores_where_they_are_due(tmp_path: Path) -> None:
+    result = train(job(tmp_path))
+    rows = list(csv.DictReader((tmp_path / CURVE).read_text().splitlines()))
+    assert [int(row["steps"]) for row in rows] == [80 * k for k in range(8)]
+    scored = [k for k, row in enumerate(rows) if row["score"]]
+    assert scored == [0, 2, 4, 6, 7]
+    last = result.curve[-1].evaluation
+    assert float(rows[-1]["score"]) == last.score == last.mean / -2.0
+    assert rows[1]["eta"] and rows[1]["accuracy"] and rows[1]["kl"]
+
+
+def test_the_policy_file_says_how_it_came_to_be(tmp_path: Path) -> None:
+    train(job(tmp_path))
+    described = json.loads(json.dumps(Policy.load(tmp_path / POLICY).described))
+    assert described["method"] == "ssil"
+    assert described["origin"] == {"run": "toy"}
+    assert described["settings"]["hidden"] == 8
+    assert described["steps"] == described["evaluated"]["steps"] == 560
+
+
+def test_torch_keeps_its_threads(tmp_path: Path) -> None:
+    before = torch.get_num_threads()
+    train(job(None, steps=1))
+    assert torch.get_num_threads() == before
+
+
+def test_a_method_of_no_iterations_gives_its_cloned_policy(tmp_path: Path) -> None:
+    result = train(job(tmp_path, "clone"))
+    assert len(result.curve) == 1
+    assert result.curve[0].evaluation is not None
+    assert (tmp_path / POLICY).exists()
+    with pytest.raises(ConflictError, match="--resume goes on"):
+        train(job(tmp_path, "clone", cloning_steps=7))
+    again = train(job(tmp_path, "clone"), resume=True)
+    np.testing.assert_array_equal(again.policy.layers[0][0], result.policy.layers[0][0])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"kl": 0.0}, {"discount": 1.5}, {"seed": -1}, {"eta": float("nan")}, {"log_sigma": np.inf}],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_settings_that_make_no_sense_are_refused(wrong: dict) -> None:
+    with pytest.raises(InvalidInputError, match=next(iter(wrong))):
+        TrainSettings(**wrong)

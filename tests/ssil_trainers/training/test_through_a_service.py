@@ -1,0 +1,253 @@
+"""Training asks the same bits of a service at an address, of one inside, and of the store."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event, Thread
+
+import httpx
+import numpy as np
+import pytest
+
+from ssil_data.cli import main
+from ssil_data.client import Patience, connect
+from ssil_data.commands import serving
+from ssil_data.commands.output import Place
+from ssil_data.commands.serving import asked
+from ssil_data.demonstrations import Episode
+from ssil_data.estimators import VAE
+from ssil_data.field import LeverageField
+from ssil_data.scoring import score
+from ssil_data.store import Store
+from ssil_service.app import create_app
+from ssil_service.server.embedded import EmbeddedTransport
+from ssil_service.server.launch import Server, launched
+from ssil_service.settings import read_settings
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.commands import train as command
+from ssil_trainers.training.data_source import Lessons
+from ssil_trainers.training.history import Moment
+from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, Job, train
+from support.toy_environment import STEPS, Line, demonstrations
+
+SETTINGS = TrainSettings(
+    steps=8 * 4 * STEPS,
+    environments=4,
+    horizon=STEPS,
+    hidden=8,
+    discriminator_batch=16,
+    boundary=3,
+    evaluations=2,
+)
+ITERATIONS = SETTINGS.iterations
+KEY = "reads-and-asks-only"
+
+
+@pytest.fixture(scope="module")
+def laid(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """A store with the toy's demonstrations, and a run on them."""
+    store, of = Store(tmp_path_factory.mktemp("through") / "store"), demonstrations()
+    episodes = [
+        Episode(of.states[i : i + 100], of.actions[i : i + 100], labeled=i < 300)
+        for i in range(0, len(of.states), 100)
+    ]
+    made = store.create("toy", episodes, state_names=["place", "goal"], action_names=["move"])
+    score(made, VAE(steps=20), run="vae")
+    return store
+
+
+@pytest.fixture(scope="module")
+def server(laid: Store) -> Iterator[Server]:
+    server = launched(laid.folder.uri)
+    yield server
+    server.kill()
+
+
+def job(lessons: Lessons, folder: Path | None = None, method: str = "ssil") -> Job:
+    return Job(method, SETTINGS, lessons.demonstrations, Line, lessons.identity, -2.0, folder)
+
+
+def files(folder: Path) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in (POLICY, CHECKPOINT, CURVE)]
+
+
+def undisturbed(store: Store, folder: Path) -> list[bytes]:
+    train(job(Lessons.of(store["toy"], "vae"), folder))
+    return files(folder)
+
+
+def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
+    for threads in (1, None):
+        of = Lessons.of(laid["toy"], "vae", threads=threads).demonstrations
+        for field in (of.field, of.field_of(of.leverage, 1.0)):
+            assert isinstance(field, LeverageField) and field.threads == threads
+
+
+@pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled"])
+def test_rewards_and_policies_are_the_same_three_ways(
+    laid: Store, server: Server, tmp_path: Path, method: str
+) -> None:
+    place = Place(laid.folder.uri)
+    lessons = {"store": Lessons.of(laid["toy"], "vae", threads=1)}
+    with asked(place, None) as inside, asked(place, server.url) as remote:
+        lessons |= {
+            name: Lessons.of(s["toy"], "vae") for name, s in (("in", inside), ("at", remote))
+        }
+        kinds = {type(found.demonstrations.field).__name__ for found in lessons.values()}
+        assert kinds == {"LeverageField", "RemoteField"}
+        states = np.random.default_rng(0).normal(size=(300, 2)).astype(np.float32)
+        rewards = [
+            [of.demonstrations.field.lcor(states).values, of.demonstrations.field.cor(states)]
+            for of in lessons.values()
+        ]
+        for name, of in lessons.items():
+            train(job(of, tmp_path / name, method))
+    for other in rewards[1:]:
+        np.testing.assert_array_equal(rewards[0], other)
+    first, *others = [files(tmp_path / name) for name in lessons]
+    assert others == [first, first]
+
+
+def test_without_an_address_the_command_asks_a_service_inside(
+    laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It leaves nothing in the store, needs no key, and may be missing."""
+    monkeypatch.setenv("SSIL_READ_KEY", KEY)
+    monkeypatch.setenv("SSIL_STATE", str(tmp_path / "state"))
+    before = sorted(Path(laid.folder.uri).iterdir())
+    with asked(Place(laid.folder.uri), None) as store:
+        assert type(store).__name__ == "RemoteStore"
+        assert store["toy"].version == laid["toy"].version
+    assert sorted(Path(laid.folder.uri).iterdir()) == before
+    assert not (tmp_path / "state").exists()
+    monkeypatch.setitem(sys.modules, "ssil_service", None)
+    with asked(Place(laid.folder.uri), None) as store:
+        assert isinstance(store, Store)
+
+
+def test_a_service_killed_in_the_middle_and_restarted_only_delays(
+    laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = undisturbed(laid, tmp_path / "alone")
+    servers = [launched(laid.folder.uri)]
+    port, killed = int(servers[0].url.rpartition(":")[2]), Event()
+
+    def restart() -> None:
+        killed.wait()
+        time.sleep(1.5)
+        servers.append(launched(laid.folder.uri, port=port))
+
+    def kill(moment: Moment) -> None:
+        if moment.steps == SETTINGS.steps // 2:
+            servers[0].kill()
+            killed.set()
+
+    thread = Thread(target=restart)
+    thread.start()
+    try:
+        with asked(Place(laid.folder.uri), servers[0].url) as store:
+            train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"), seen=kill)
+    finally:
+        killed.set()
+        thread.join()
+        for each in servers:
+            each.kill()
+    assert files(tmp_path / "cut") == expected
+    assert len(servers) == 2
+    told = capsys.readouterr().err
+    assert told.count(f"Waiting for {servers[0].url}") == 1
+
+
+class Troubled(httpx.BaseTransport):
+    """A service that is busy, loses answers after it computed them, or is away for a moment."""
+
+    def __init__(self, inner: httpx.BaseTransport) -> None:
+        self.inner, self.asked, self.troubles = inner, 0, 0
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        if not request.url.path.endswith("lcor"):
+            return self.inner.handle_request(request)
+        self.asked += 1
+        trouble = {1: self._busy, 2: self._lost, 3: self._away}.get(self.asked % 4)
+        if trouble is None:
+            return self.inner.handle_request(request)
+        self.troubles += 1
+        return trouble(request)
+
+    def _busy(self, request: httpx.Request) -> httpx.Response:
+        return httpx.Response(503, headers={"Retry-After": "0"}, json={"detail": "queue full"})
+
+    def _lost(self, request: httpx.Request) -> httpx.Response:
+        self.inner.handle_request(request).read()
+        raise httpx.ReadError("connection reset")
+
+    def _away(self, request: httpx.Request) -> httpx.Response:
+        raise httpx.ConnectError("connection refused")
+
+    def close(self) -> None:
+        self.inner.close()
+
+
+def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path) -> None:
+    expected = undisturbed(laid, tmp_path / "alone")
+    app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
+    troubled = Troubled(EmbeddedTransport(app))
+    quick = Patience(first=0.001, longest=0.002, total=5.0)
+    with connect("http://localhost", transport=troubled, patience=quick) as store:
+        train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"))
+    assert files(tmp_path / "cut") == expected
+    assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    with pytest.raises(SystemExit) as left:
+        main([str(word) for word in words])
+    assert left.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
+    laid: Store,
+    server: Server,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    gone = launched(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
+    monkeypatch.setattr(serving, "AT_FIRST", 0.3)
+    monkeypatch.setattr(serving, "LATER", 0.3)
+    monkeypatch.setattr(command, "side_by_side", lambda env, count: Line(count))
+    words = ["train", "ssil", "--env", "Pendulum-v1", "--dataset", "toy", "--run", "vae"]
+    words += ["--environments", 4, "--horizon", STEPS, "--hidden", 8, "--boundary", 2]
+    words += ["--steps", SETTINGS.steps, "--evaluations", 2, "-o", tmp_path / "out"]
+    real = command.train_job
+
+    def until(iteration: int) -> Callable[..., object]:
+        def cut(job: Job, *, resume: bool, seen: Callable[[Moment], None]) -> object:
+            def both(moment: Moment) -> None:
+                seen(moment)
+                if moment.iteration is not None and moment.iteration.number == iteration:
+                    gone.kill()
+
+            return real(job, resume=resume, seen=both)
+
+        return cut
+
+    monkeypatch.setattr(command, "train_job", until(5))
+    assert "key:" in refusal(capsys, *words, "--service", gone.url)
+    monkeypatch.setenv(serving.KEY, KEY)
+    told = refusal(capsys, *words, "--service", gone.url)
+    assert "--resume goes on" in told and str(tmp_path / "out") in told
+    told = refusal(capsys, *words, "--resume", "--service", gone.url)
+    assert f"expected an answer from {gone.url}" in told
+
+    monkeypatch.setattr(command, "train_job", real)
+    monkeypatch.delenv(serving.KEY)
+    for folder, more in (("out", ["--resume"]), ("whole", [])):
+        with pytest.raises(SystemExit) as left:
+            main([str(w) for w in [*words[:-1], tmp_path / folder, "--service", server.url, *more]])
+        assert left.value.code == 0
+    assert files(tmp_path / "out") == files(tmp_path / "whole")

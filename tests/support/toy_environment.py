@@ -1,0 +1,90 @@
+"""A toy world for trainers: a point on a line must go to a goal that is elsewhere every time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from ssil_data.features import Standardiser
+from ssil_data.field import LeverageField
+from ssil_trainers.algorithms.methods import Demonstrations
+
+STEPS = 20
+
+
+class Line(VectorEnv[Any, Any, Any]):
+    """State: where the point and its goal are. The action, in [-2, 2], moves it by a tenth."""
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    single_observation_space = Box(-9.0, 9.0, (2,))
+    single_action_space = Box(-2.0, 2.0, (1,))
+
+    def __init__(self, count: int) -> None:
+        self.num_envs = count
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self.action_space = batch_space(self.single_action_space, count)
+
+    def _start(self, count: int) -> np.ndarray:
+        return self.random.uniform(-1, 1, (count, 2)).astype(np.float32)
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
+        self.random = np.random.default_rng(seed)
+        self.state, self.step_number = self._start(self.num_envs), 0
+        return self.state.copy(), {}
+
+    def step(self, actions: np.ndarray) -> tuple[Any, ...]:
+        self.state[:, 0] += 0.1 * np.clip(actions[:, 0], -2, 2)
+        reward = -np.abs(self.state[:, 0] - self.state[:, 1])
+        self.step_number += 1
+        over = np.full(self.num_envs, self.step_number == STEPS)
+        info = {}
+        if over.all():
+            info = {"final_obs": self.state.copy()}
+            self.state, self.step_number = self._start(self.num_envs), 0
+        return self.state.copy(), reward, np.zeros(self.num_envs, bool), over, info
+
+
+def expert(states: np.ndarray) -> np.ndarray:
+    """Go to the goal, ever slower."""
+    return np.clip(5 * (states[:, 1:] - states[:, :1]), -2, 2).astype(np.float32)
+
+
+def lost(states: np.ndarray) -> np.ndarray:
+    """Go away from the goal."""
+    return -expert(states)
+
+
+def mean_return(drive: Any, count: int = 200) -> float:
+    """The mean return of a driver from states (n, 2) to actions (n, 1)."""
+    env, total = Line(count), 0.0
+    states, _ = env.reset(seed=7)
+    for _ in range(STEPS):
+        states, reward, *_ = env.step(drive(states))
+        total += float(reward.mean())
+    return total
+
+
+def demonstrations() -> Demonstrations:
+    """300 labeled pairs; unlabeled ones, 1,000 by the expert and 200 by one who is lost."""
+    drives = [_driven(expert, 15, 0), _driven(expert, 50, 1), _driven(lost, 10, 2)]
+    states, actions = (np.concatenate(part) for part in zip(*drives, strict=True))
+    row = np.arange(len(states))
+    leverage = np.where(row < 1300, 0.9, 0.1).astype(np.float32)
+    field = LeverageField(states, leverage, row < 300, Standardiser.of(states), alpha=20.0)
+    return Demonstrations(states, actions, row < 300, leverage, field)
+
+
+def _driven(drive: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    env, states, actions = Line(count), [], []
+    state, _ = env.reset(seed=seed)
+    noise = np.random.default_rng(seed)
+    for _ in range(STEPS):
+        action = drive(state) + noise.normal(0, 0.1, (count, 1)).astype(np.float32)
+        states.append(state)
+        actions.append(action)
+        state, *_ = env.step(action)
+    return np.concatenate(states), np.concatenate(actions)

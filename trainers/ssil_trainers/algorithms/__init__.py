@@ -1,0 +1,1 @@
+"""GAIL, MixGAIL, SSIL and behavior cloning; no environment is imported here."""

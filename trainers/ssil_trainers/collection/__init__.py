@@ -1,0 +1,1 @@
+"""Collecting demonstrations: who drives, how well, and what is kept."""

@@ -1,0 +1,1 @@
+"""The subcommands `collect`, `train` and `evaluate`, as functions whose parameters are the flags."""

@@ -1,0 +1,1 @@
+"""One car on highway-env's racetrack, and its vectorized twin."""

@@ -1,0 +1,77 @@
+"""Drives on the map of the racetrack, coloured by leverage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import altair as alt
+import numpy as np
+import vl_convert
+from numpy.typing import NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_data.report.look import leverage_colour
+from ssil_trainers.envs.racetrack.road import Road
+
+PIXELS_PER_METRE = 3.2
+MARGIN = 5.0
+"""Metres around the road."""
+
+Drive = tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]
+"""Positions (n, 2) in metres and leverage (n,) in [0, 1]."""
+
+
+def drives_on_map(road: Road, drives: Mapping[str, Drive], *, columns: int = 2) -> alt.ConcatChart:
+    """Draw one map for each drive, under its name; y grows downwards, as highway-env draws it.
+
+    Raises InvalidInputError where there is not one leverage for each position.
+    """
+    for name, (positions, leverage) in drives.items():
+        if positions.shape != (len(leverage), 2):
+            raise InvalidInputError(
+                f"{name}: expected positions ({len(leverage)}, 2), found {positions.shape}"
+            )
+    edge = _edge(road)
+    corners = edge.reshape(-1, 2)
+    low, high = corners.min(axis=0) - MARGIN, corners.max(axis=0) + MARGIN
+    width, height = (PIXELS_PER_METRE * (high - low)).tolist()
+    x = alt.X("x:Q", title="x, m", scale=alt.Scale(domain=[low[0], high[0]], nice=False))
+    y = alt.Y("y:Q", title="y, m", scale=alt.Scale(domain=[high[1], low[1]], nice=False))
+    sides = [dict(zip(("x", "y", "x2", "y2"), side, strict=True)) for side in edge.tolist()]
+    road_sides = (
+        alt.Chart(alt.Data(values=sides)).mark_rule(color="gray").encode(x, y, x2="x2", y2="y2")
+    )
+    panels = [
+        alt.layer(road_sides, _trail(drive).encode(x, y)).properties(
+            width=width, height=height, title=alt.Title(name, anchor="start")
+        )
+        for name, drive in drives.items()
+    ]
+    return alt.concat(*panels, columns=columns).configure_axis(grid=False)
+
+
+def png(chart: alt.ConcatChart, *, scale: float = 1.5) -> bytes:
+    """Return the chart as the bytes of a PNG file."""
+    return vl_convert.vegalite_to_png(chart.to_json(), scale=scale)
+
+
+def _trail(drive: Drive) -> alt.Chart:
+    positions, leverage = drive
+    points = [
+        {"x": float(x), "y": float(y), "leverage": float(value)}
+        for (x, y), value in zip(positions, leverage, strict=True)
+    ]
+    colour = leverage_colour("leverage:Q")
+    return alt.Chart(alt.Data(values=points)).mark_circle(size=28, opacity=0.9).encode(color=colour)
+
+
+def _edge(road: Road) -> NDArray[np.float64]:
+    """Return both edges as short straight sides (m, 4), as `Edges.segments`."""
+    sides = [road.edges.segments]
+    for x, y, radius, cos, sin, cos_half in road.edges.arcs:
+        middle, half = np.arctan2(sin, cos), np.arccos(cos_half)
+        phase = np.linspace(middle - half, middle + half, 40)
+        on = np.stack([x + radius * np.cos(phase), y + radius * np.sin(phase)], axis=1)
+        sides.append(np.hstack([on[:-1], on[1:]]))
+    return np.concatenate(sides)

@@ -1,0 +1,158 @@
+"""The road of a highway-env racetrack as plain arrays: lanes in driving order and its two edges.
+
+highway-env describes a road as a graph of sections, each a list of parallel lanes, straight or
+circular, numbered from left to right. The outer edges of consecutive sections meet to within a
+few centimetres; here the remaining gaps are closed by straight pieces, so that each edge is one
+closed curve and no ray slips through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeGuard
+
+import numpy as np
+from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
+from highway_env.road.road import RoadNetwork
+from numpy.typing import NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.racetrack import kernels
+from ssil_trainers.envs.racetrack.kernels import Edges, Lanes
+
+LaneIndex = tuple[str, str, int]
+_TOUCH = 1e-9
+"""Ends of edge pieces that are closer than this [m] need no piece between them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """The lanes of a closed road and its edges; number: highway-env's lane index → row."""
+
+    number: dict[LaneIndex, int]
+    lanes: Lanes
+    edges: Edges
+
+    @classmethod
+    def of(cls, network: RoadNetwork) -> Road:
+        """Read the geometry out of highway-env's own road object.
+
+        Raises InvalidInputError for a lane that is neither straight nor circular.
+        """
+        indices = list(_lane_indices(network))
+        lanes = [network.get_lane(index) for index in indices]
+        number = {index: row for row, index in enumerate(indices)}
+        placed = [_placed(index, lane) for index, lane in zip(indices, lanes, strict=True)]
+        segments, arcs = _edges([network.graph[a][b] for a, b, i in indices if i == 0])
+        return cls(
+            number=number,
+            lanes=Lanes(
+                np.array([lane.direction if _turns(lane) else 0 for lane in lanes], np.int64),
+                *np.array(placed, dtype=np.float64).T.copy(),
+                length=np.array([lane.length for lane in lanes], dtype=np.float64),
+                curvature=np.array([_curvature(lane) for lane in lanes]),
+                axis_offset=np.array([_axis_offset(network, index) for index in indices]),
+                half_width=np.array([_half_width(network, index) for index in indices]),
+                following=np.array([number[_following(network, index)] for index in indices]),
+            ),
+            edges=Edges(
+                segments=np.array(segments, dtype=np.float64).reshape(-1, 4),
+                arcs=np.array(arcs, dtype=np.float64).reshape(-1, 6),
+            ),
+        )
+
+    @cached_property
+    def shares(self) -> NDArray[np.float64]:
+        """Which share of all lanes' metres lies in the rows up to each (n,); the last is 1."""
+        shares = (self.lanes.length / self.lanes.length.sum()).cumsum()
+        return shares / shares[-1]
+
+    def curvature_ahead(self, lane: int, longitudinal: float, distance: float) -> float:
+        """Return the curvature [1/m] of the lane and its continuations `distance` metres ahead."""
+        return kernels.curvature_ahead(self.lanes, lane, longitudinal, distance)
+
+    def ray_distances(
+        self,
+        x: float,
+        y: float,
+        directions: NDArray[np.float64],
+        reach: float,
+        boxes: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return how far each ray from (x, y) runs [m] before it meets an edge, at most `reach`.
+
+        directions (r,) are angles in the world [rad]; boxes (b, 4) are sides of things that stand
+        on the road, as `Edges.segments`.
+        """
+        edges = self.edges
+        if boxes is not None:
+            edges = Edges(np.concatenate([edges.segments, boxes]), edges.arcs)
+        nearest = np.full(len(directions), reach, dtype=np.float64)
+        kernels.ray_distances(x, y, np.cos(directions), np.sin(directions), edges, nearest)
+        return nearest
+
+
+def _lane_indices(network: RoadNetwork) -> Iterator[LaneIndex]:
+    for origin, onward in network.graph.items():
+        for target, lanes in onward.items():
+            for lane in range(len(lanes)):
+                yield origin, target, lane
+
+
+def _following(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
+    _, node, lane = index
+    (target,) = network.graph[node]
+    return node, target, lane
+
+
+def _placed(index: LaneIndex, lane: AbstractLane) -> tuple[float, ...]:
+    """Return x to phase of `Lanes`."""
+    if type(lane) is StraightLane:
+        return (*lane.start, *lane.direction, float(lane.heading), 0.0, 0.0)
+    if type(lane) is CircularLane:
+        return (*lane.center, 0.0, 0.0, 0.0, lane.radius, lane.start_phase)
+    raise InvalidInputError(
+        f"lane {index}: expected a straight or a circular one, found {type(lane).__name__}"
+    )
+
+
+def _turns(lane: AbstractLane) -> TypeGuard[CircularLane]:
+    return isinstance(lane, CircularLane)
+
+
+def _curvature(lane: AbstractLane) -> float:
+    return lane.direction / lane.radius if _turns(lane) else 0.0
+
+
+def _axis_offset(network: RoadNetwork, index: LaneIndex) -> float:
+    origin, target, lane = index
+    parallel = network.graph[origin][target]
+    return (lane - (len(parallel) - 1) / 2) * parallel[lane].width_at(0.0)
+
+
+def _half_width(network: RoadNetwork, index: LaneIndex) -> float:
+    origin, target, _ = index
+    return sum(lane.width_at(0.0) for lane in network.graph[origin][target]) / 2
+
+
+def _edges(sections: list[list[AbstractLane]]) -> tuple[list[Any], list[Any]]:
+    """Return segments and arcs of the left and the right edge, gaps closed."""
+    segments, arcs = [], []
+    for lane_of_section, side in ((0, -0.5), (-1, 0.5)):
+        lanes = [section[lane_of_section] for section in sections]
+        for lane, onward in zip(lanes, lanes[1:] + lanes[:1], strict=True):
+            lateral = side * lane.width_at(0.0)
+            end = lane.position(lane.length, lateral)
+            if _turns(lane):
+                radius = lane.radius - lateral * lane.direction
+                middle = (lane.start_phase + lane.end_phase) / 2
+                half = abs(lane.end_phase - lane.start_phase) / 2
+                arcs.append((*lane.center, radius, np.cos(middle), np.sin(middle), np.cos(half)))
+            else:
+                segments.append((*lane.position(0.0, lateral), *end))
+            joint = onward.position(0.0, side * onward.width_at(0.0))
+            if np.linalg.norm(joint - end) > _TOUCH:
+                segments.append((*end, *joint))
+    return segments, arcs

@@ -1,0 +1,125 @@
+"""What a racetrack driver sees, and what a step is worth: pure functions of road and car.
+
+Angles grow from the car's left to its right, as positive steering does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_trainers.envs.racetrack.kernels import Sight
+from ssil_trainers.envs.racetrack.road import Road
+
+RAY_DEGREES = tuple(range(-90, 91, 10))
+RAY_REACH = 60.0
+OFFSET_SCALE, SPEED_SCALE, CURVATURE_SCALE = 5.0, 20.0, 20.0
+CURVATURE_AHEAD = (5.0, 12.0, 22.0)
+STEERING_LIMIT = np.pi / 4
+CAR_LENGTH = 5.0
+
+ACTION_NAMES = ("throttle", "steering")
+STATE_NAMES = (
+    *(f"ray {degrees}°" for degrees in RAY_DEGREES),
+    "heading error",
+    "lateral offset",
+    "forward speed",
+    "lateral speed",
+    "yaw rate",
+    "previous throttle",
+    "previous steering",
+    *(f"curvature +{distance:.0f} m" for distance in CURVATURE_AHEAD),
+)
+STATE_HIGH = np.array([1.0] * 19 + [np.pi, 3, 1.1, 0.5, 4, 1, 1] + [2.5] * 3, dtype=np.float32)
+STATE_LOW = np.array([0.0] * 19 + [-np.pi, -3, -0.1, -0.5, -4, -1, -1] + [-2.5] * 3, np.float32)
+
+SIGHT = Sight(
+    rays=np.deg2rad(RAY_DEGREES),
+    reach=RAY_REACH,
+    ahead=np.array(CURVATURE_AHEAD),
+    offset_scale=OFFSET_SCALE,
+    speed_scale=SPEED_SCALE,
+    curvature_scale=CURVATURE_SCALE,
+)
+
+
+@dataclass(frozen=True)
+class Car:
+    """What the simulator knows of the car: metres, radians, metres per second.
+
+    lane is a row of `Road`; longitudinal and lateral are measured along and off that lane;
+    heading_error is the car's heading less the lane's, in [-π, π); throttle and steering are the
+    previous action in [-1, 1].
+    """
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    lane: int
+    longitudinal: float
+    lateral: float
+    heading_error: float
+    throttle: float = 0.0
+    steering: float = 0.0
+
+    @property
+    def slip(self) -> float:
+        """Angle between the car's axis and its velocity [rad], of the kinematic bicycle."""
+        return float(np.arctan(0.5 * np.tan(self.steering * STEERING_LIMIT)))
+
+
+def offset(road: Road, car: Car) -> float:
+    """Return how far the car is to the right of the road's centre line [m]."""
+    return car.lateral + float(road.lanes.axis_offset[car.lane])
+
+
+def observe(
+    road: Road, car: Car, *, boxes: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the 29 numbers of `STATE_NAMES` in float64.
+
+    Rays to the edge of the road in units of 60 m (19), heading error [rad], offset from the
+    road's centre line in 5 m (1 = the edge of a two-lane road), speeds along and across the car's
+    axis in 20 m/s, yaw rate [rad/s], previous action (2), curvature 5, 12 and 22 m ahead in 1/20 m.
+    boxes (b, 4), sides of other vehicles, stop rays like the edge does.
+
+    The compiled twin has its own form of this, and the tests hold the two together.
+    """
+    forward, sideways = car.speed * np.cos(car.slip), car.speed * np.sin(car.slip)
+    rays = road.ray_distances(car.x, car.y, car.heading + SIGHT.rays, RAY_REACH, boxes)
+    ahead = [road.curvature_ahead(car.lane, car.longitudinal, far) for far in CURVATURE_AHEAD]
+    motion = [
+        car.heading_error,
+        offset(road, car) / OFFSET_SCALE,
+        forward / SPEED_SCALE,
+        sideways / SPEED_SCALE,
+        sideways / (CAR_LENGTH / 2),
+        car.throttle,
+        car.steering,
+    ]
+    return np.concatenate([rays / RAY_REACH, motion, np.multiply(ahead, CURVATURE_SCALE)])
+
+
+def leaves_road(road: Road, car: Car) -> bool:
+    """Tell whether the middle of the car is beyond an edge of the road.
+
+    highway-env asks for the closest lane instead, and on the default track two lanes lie 8 cm
+    apart: a car that changes lanes there would sometimes be called off the road.
+    """
+    return bool(abs(offset(road, car)) > road.lanes.half_width[car.lane])
+
+
+def underlying_reward(road: Road, car: Car) -> float:
+    """Return the paper's R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ.
+
+    Speeds in m/s, so a step at full speed is worth about 20. d is the offset from the road's
+    centre line in units of 5 m, which is ±1 at the edges of the two-lane track: TORCS measures
+    its `trackPos` so, and in metres the third term would drown the first.
+    """
+    v_x, v_y = car.speed * np.cos(car.slip), car.speed * np.sin(car.slip)
+    cos, sin = np.cos(car.heading_error), np.sin(car.heading_error)
+    d = offset(road, car) / OFFSET_SCALE
+    return float(v_x * cos - abs(v_y * sin) - 2 * v_x * abs(d * sin) - v_y * cos)

@@ -1,0 +1,1 @@
+"""An RC car with a LiDAR between two walls."""

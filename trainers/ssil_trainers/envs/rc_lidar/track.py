@@ -1,0 +1,259 @@
+"""A closed track: a centre line and the widths beside it; refuses what is no track."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.envs.rc_lidar.crossings import crossings, meeting_point
+from ssil_trainers.envs.rc_lidar.lidar import Walls
+
+_OPEN = 4.0
+"""A line is open whose ends are this many times farther apart than any two of its neighbours."""
+_FAR = 1e9
+"""Lengths [m] beyond this are no metres, and their squares would overflow."""
+_SAME = 1e-3
+"""The last point repeats the first if it is nearer than this share of the usual distance."""
+_MITRED, _SHARPEST = np.cos(np.deg2rad([7.5, 60.0]))
+"""Cosines of half the turn in a point from which walls are mitred, and of the sharpest one."""
+_LOOP = 6.0
+"""A wall's loop is cut off if its stretch of the centre line is shorter than so many widths."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A closed centre line (n, 2) [m] in driving order, and the widths (n,) right and left of it.
+
+    The last point joins the first, which is not repeated. Every refusal is an InvalidInputError
+    that names the row: fewer than four points, numbers that are not finite, widths that are not
+    positive, points that coincide, an open line, a turn of more than 120° in one point, a line or
+    walls that cross.
+
+    A wall's corner stands at the width from its point, square to the line there. Where the line
+    turns by more than 15° in a point, that would bring the walls nearer than the widths before and
+    after it, so the corner stands farther out, where both meet; below, nearer by less than 1 %. In
+    a corner tighter than the width the inner wall folds into a loop; the loop is cut off where it
+    begins. What cannot be mended so is refused.
+    """
+
+    name: str
+    centre: NDArray[np.float64]
+    right: NDArray[np.float64]
+    left: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Validate and freeze."""
+        for field in ("centre", "right", "left"):
+            values = np.array(getattr(self, field), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, field, values)
+        self._check_numbers()
+        self._check_line()
+        self._check_walls()
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the centre line [m]."""
+        return float(np.linalg.norm(_steps(self.centre), axis=1).sum())
+
+    @cached_property
+    def right_wall(self) -> NDArray[np.float64]:
+        """The wall on the right (n, 2)."""
+        return self._wall(-self.right)
+
+    @cached_property
+    def left_wall(self) -> NDArray[np.float64]:
+        """The wall on the left (n, 2)."""
+        return self._wall(self.left)
+
+    @cached_property
+    def walls(self) -> Walls:
+        """Both walls, ready for rays."""
+        return Walls.of(np.concatenate([_closed(self.right_wall), _closed(self.left_wall)]))
+
+    def places(self, spacing: float) -> NDArray[np.float64]:
+        """Return x, y and heading (m, 3) along the centre line, about `spacing` metres apart."""
+        steps = _steps(self.centre)
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+        along = np.linspace(0.0, self.length, max(1, round(self.length / spacing)), endpoint=False)
+        looped = np.concatenate([self.centre, self.centre[:1]])
+        x, y = (np.interp(along, at, looped[:, axis]) for axis in (0, 1))
+        tangent_x, tangent_y = (
+            np.interp(along, at, np.append(self._tangents[:, axis], self._tangents[0, axis]))
+            for axis in (0, 1)
+        )
+        return np.stack([x, y, np.arctan2(tangent_y, tangent_x)], axis=1)
+
+    @cached_property
+    def _bisectors(self) -> NDArray[np.float64]:
+        """Sums (n, 2) of the unit vectors to and from each point."""
+        ahead = _steps(self.centre)
+        ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+        return ahead + np.roll(ahead, 1, axis=0)
+
+    @property
+    def _tangents(self) -> NDArray[np.float64]:
+        """Unit vectors (n, 2) along the line, in each point the mean of both neighbours' ways."""
+        return self._bisectors / np.linalg.norm(self._bisectors, axis=1, keepdims=True)
+
+    @property
+    def _cos_half_turn(self) -> NDArray[np.float64]:
+        """Cosine (n,) of half the angle by which the line turns in each point."""
+        return np.linalg.norm(self._bisectors, axis=1) / 2
+
+    def _wall(self, aside: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the line so far to the left (n,) of the centre line, its loops cut off."""
+        normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
+        sharp = self._cos_half_turn < _MITRED
+        normals[sharp] /= self._cos_half_turn[sharp, None]
+        wall, along = self.centre + normals * aside[:, None], _steps(self.centre)
+        backwards = np.sum(_steps(wall) * along, axis=1) < 0
+        gaps = np.linalg.norm(along, axis=1)
+        loops = [
+            (stretch, first, last)
+            for first, last in _either_way(crossings(_closed(wall)))
+            if backwards[_rows(first, last, len(wall))].any()
+            and (stretch := gaps[_rows(first, last, len(wall))].sum()) < _LOOP * abs(aside[first])
+        ]
+        for _, first, last in sorted(loops, reverse=True):
+            pieces = _closed(wall)
+            inside = _rows(first, last, len(wall))[1:]
+            if len(inside) and (wall[inside] != wall[inside[0]]).any():
+                wall[inside] = meeting_point(pieces[first], pieces[last])
+        return wall
+
+    def _check_numbers(self) -> None:
+        points = len(self.centre)
+        if self.centre.ndim != 2 or self.centre.shape[1] != 2 or points < 4:
+            raise self._refusal(
+                points, "at least four points x, y", f"the shape {self.centre.shape}"
+            )
+        for side in ("right", "left"):
+            width = getattr(self, side)
+            if width.shape != (points,):
+                raise InvalidInputError(
+                    f"track {self.name}: expected {points} widths on the {side}, "
+                    f"found shape {width.shape}"
+                )
+            for row in np.flatnonzero(~(np.isfinite(width) & (width > 0))):
+                raise self._refusal(row, f"a positive width on the {side}", f"{width[row]}")
+            for row in np.flatnonzero(width > _FAR):
+                raise self._refusal(row, f"a width on the {side} in metres", f"{width[row]:g}")
+        for row in np.flatnonzero(~(np.abs(self.centre) < _FAR).all(axis=1)):
+            raise self._refusal(row, "finite x, y in metres", f"{self.centre[row].tolist()}")
+
+    def _check_line(self) -> None:
+        gaps = np.linalg.norm(_steps(self.centre), axis=1)
+        last = len(gaps) - 1
+        if gaps[last] < _SAME * np.median(gaps):
+            raise self._refusal(last, "a last point that is not the first", "the first again")
+        for row in np.flatnonzero(gaps[:-1] < 1e-9) + 1:
+            raise self._refusal(row, "another point than the one before", "the same")
+        if gaps[last] > _OPEN * gaps[:-1].max():
+            raise self._refusal(
+                last,
+                f"a closed line, whose last point is near the first (at most {_OPEN:g} times "
+                f"{gaps[:-1].max():.3g} m)",
+                f"{gaps[last]:.3g} m between them",
+            )
+        for row, other in crossings(_closed(self.centre)):
+            raise self._refusal(row, "a line that does not cross itself", f"row {other} across it")
+
+        for row in np.flatnonzero(self._cos_half_turn < _SHARPEST - 1e-9):
+            turn = 2 * np.rad2deg(np.arccos(self._cos_half_turn[row]))
+            raise self._refusal(row, "a turn of at most 120° in one point", f"{turn:.0f}°")
+
+    def _check_walls(self) -> None:
+        along = _steps(self.centre)
+        for side, wall in (("right", self.right_wall), ("left", self.left_wall)):
+            if len(np.unique(wall, axis=0)) < len(wall) / 2:  # its loops swallowed it
+                width = getattr(self, side)
+                row = int(width.argmax())
+                wanted = f"widths that leave a wall on the {side}"
+                raise self._refusal(row, wanted, f"{width[row]:g} m")
+        for side, wall in (("right", self.right_wall), ("left", self.left_wall)):
+            ways = np.sum(_steps(wall) * along, axis=1)
+            for row in np.flatnonzero(ways < -1e-9 * np.sum(along**2, axis=1)):
+                raise self._refusal(
+                    row,
+                    f"a corner wide enough for {getattr(self, side)[row]:.3g} m on the {side}",
+                    "a tighter one",
+                )
+        points = len(self.centre)
+        walls = np.concatenate([_closed(self.right_wall), _closed(self.left_wall)])
+        for row, other in crossings(walls) % points:
+            raise self._refusal(
+                row, "walls that do not cross", f"the wall of row {other} across that of this row"
+            )
+
+    def _refusal(self, row: Any, expected: str, found: str) -> InvalidInputError:
+        return InvalidInputError(
+            f"track {self.name}, row {row}: expected {expected}, found {found}"
+        )
+
+
+def load_track(path: Path | str) -> Track:
+    """Read a CSV of F1TENTH's form: x_m, y_m, w_tr_right_m, w_tr_left_m, `#` before comments.
+
+    Rows are counted from 0 and leave out comments and blank lines. Raises InvalidInputError naming
+    the file and the row.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInputError(f"track {path}: expected a CSV file, found {error}") from None
+    texts = [line for line in map(str.strip, lines) if line and not line.startswith("#")]
+    rows = [_numbers(path, row, text) for row, text in enumerate(texts)]
+    values = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    return Track(path.stem, values[:, :2], values[:, 2], values[:, 3])
+
+
+def save_track(track: Track, path: Path | str) -> None:
+    """Write the track as a CSV that `load_track` reads back, number by number."""
+    rows = np.column_stack([track.centre, track.right, track.left]).tolist()
+    lines = ["# x_m, y_m, w_tr_right_m, w_tr_left_m", *(", ".join(map(repr, row)) for row in rows)]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _numbers(path: Path, row: int, text: str) -> list[float]:
+    try:
+        # Python reads 1_0 as 10; a file that has it means something else.
+        values = [] if "_" in text else [float(cell) for cell in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 4:
+        raise InvalidInputError(
+            f"track {path}, row {row}: expected four numbers x, y, right, left, found {text!r}"
+        )
+    return values
+
+
+def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the way from every point of a closed line to the next."""
+    return np.roll(points, -1, axis=0) - points
+
+
+def _closed(points: ArrayLike) -> NDArray[np.float64]:
+    """Return the sides (n, 4) of a closed line."""
+    points = np.asarray(points, dtype=np.float64)
+    return np.hstack([points, np.roll(points, -1, axis=0)])
+
+
+def _either_way(pairs: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
+    """Yield each pair of rows of a closed line as the stretch between them and as the rest."""
+    for first, last in pairs.tolist():
+        yield first, last
+        yield last, first
+
+
+def _rows(first: int, last: int, points: int) -> NDArray[np.int64]:
+    """Return the rows from first to last of a closed line."""
+    return np.arange(first, last + 1 + (points if last < first else 0)) % points

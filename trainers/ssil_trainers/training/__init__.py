@@ -1,0 +1,1 @@
+"""One training run: its data, its checkpoints, its history, its progress display."""
