@@ -53,7 +53,7 @@ def main() -> None:
         header = ("fitted", "rescore", "read+write", "forward", "rescore / floor")
         print(f"{header[0]:>10}{header[1]:>10}{header[2]:>12}{header[3]:>10}{header[4]:>17}")
         for kind, estimator in ESTIMATORS.items():
-            run = score(dataset, estimator(), run=f"{kind}-fit").run
+            run = score(dataset, estimator(), run=f"{kind}-fit").name
             print_row(kind, dataset, run, pairs, Path(folder))
 
 

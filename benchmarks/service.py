@@ -25,9 +25,9 @@ import numpy as np
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
-from ssil_data.client.wire import ARROW, JSON, encoded, states_table
-from ssil_service import embedded
-from ssil_service.server.launch import Server, free_port, launched
+from ssil_data.client.wire import ARROW, JSON, encode, states_table
+from ssil_service import embed
+from ssil_service.server.launch import Server, free_port, launch
 
 ROUNDS = 15
 CLIENTS, REQUESTS, ASKED = 64, 25, 5
@@ -179,8 +179,8 @@ def concurrent(store: Path, server: Server) -> None:
     states = sd.Store(store)["racetrack"].pairs().states
     served = int(server.url.rpartition(":")[2])
     some = states[:8]
-    arrow = (ARROW, encoded(states_table(some)).to_pybytes())
-    one = (ARROW, encoded(states_table(some[:1])).to_pybytes())
+    arrow = (ARROW, encode(states_table(some)).to_pybytes())
+    one = (ARROW, encode(states_table(some[:1])).to_pybytes())
     text = (JSON, json.dumps({"states": some.tolist()}).encode())
     mine, theirs = (served, server.process.pid), (port, echo.pid)
     asked = {
@@ -219,7 +219,7 @@ def start(store: Path) -> None:
     times = []
     for _ in range(5):
         begin = time.perf_counter()
-        server = launched(store)
+        server = launch(store)
         times.append(time.perf_counter() - begin)
         server.stop()
     print(f"\nFrom the command to /readyz: {statistics.median(times):.2f} s (median of 5)")
@@ -230,8 +230,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         store = Path(shutil.copytree(Path(__file__).parents[1] / "datasets", f"{folder}/datasets"))
         sd.score(sd.Store(store)["racetrack"], sd.WindowVAE())
-        server = launched(store)
-        with connect(server.url) as remote, embedded(store) as inside:
+        server = launch(store)
+        with connect(server.url) as remote, embed(store) as inside:
             bulk(store, remote, inside)
         concurrent(store, server)
         server.stop()

@@ -33,10 +33,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 import ssil_data as sd
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
-from ssil_trainers.envs.registry import side_by_side, single
+from ssil_trainers.envs.registry import make_single, make_vectorized
 from ssil_trainers.envs.sb3_vec_env import StableBaselinesVecEnv
 from ssil_trainers.training.label_subset import expert_return
-from ssil_trainers.training.run import Job, train
+from ssil_trainers.training.run import TrainJob, train
 
 ROUNDS = 3
 STEPS, REAL_STEPS = 65_536, 4_096
@@ -55,7 +55,7 @@ LIKE_OURS = {
 }
 
 
-def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
+def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> TrainJob:
     """Return a run of a method on the racetrack, which leaves no files."""
     run = "windowvae" if METHODS[method].takes_run else None
     pairs = dataset.pairs()
@@ -67,7 +67,9 @@ def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> Job:
         dataset.field(run) if run else None,
     )
     expert = expert_return(dataset)
-    return Job(method, settings, demonstrations, lambda n: side_by_side("racetrack", n), {}, expert)
+    return TrainJob(
+        method, settings, demonstrations, lambda n: make_vectorized("racetrack", n), {}, expert
+    )
 
 
 def rival(envs: VecEnv, steps: int, settings: Mapping[str, Any]) -> None:
@@ -77,12 +79,12 @@ def rival(envs: VecEnv, steps: int, settings: Mapping[str, Any]) -> None:
 
 def twin() -> VecEnv:
     """Return 32 cars of the twin."""
-    return StableBaselinesVecEnv(side_by_side("racetrack", 32))
+    return StableBaselinesVecEnv(make_vectorized("racetrack", 32))
 
 
 def real() -> VecEnv:
     """Return one real environment, as sb3 wraps it."""
-    return DummyVecEnv([partial(single, "racetrack")])
+    return DummyVecEnv([partial(make_single, "racetrack")])
 
 
 @dataclass(frozen=True)

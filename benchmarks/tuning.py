@@ -31,11 +31,11 @@ import ssil_data as sd
 from ssil_data.demonstrations import Episode
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
-from ssil_trainers.envs.registry import side_by_side
-from ssil_trainers.experiments.lessons import Fit, labeled_dataset, working_copy
+from ssil_trainers.envs.registry import make_vectorized
+from ssil_trainers.experiments.lessons import Fit, copy_dataset, dataset_with_labels
 from ssil_trainers.experiments.statistics import Curve
 from ssil_trainers.training.label_subset import expert_return
-from ssil_trainers.training.run import Job, train
+from ssil_trainers.training.run import TrainJob, train
 
 DATASETS = Path(__file__).parents[1] / "datasets"
 LABELED, CUT = 6, 2.0
@@ -164,7 +164,7 @@ class Bench:
     def lessons(self, problem: Problem, seed: int) -> tuple[Demonstrations, float]:
         """Return the demonstrations with the leverage of a windowVAE, and the score of 1."""
         store = self._store(problem.dataset)
-        name = labeled_dataset(store, problem.dataset, problem.labels)
+        name = dataset_with_labels(store, problem.dataset, problem.labels)
         fit = Fit.of(store.folder.uri, name, "windowvae", "default", seed)
         fit()
         dataset = store[name]
@@ -180,7 +180,7 @@ class Bench:
 
     def _store(self, name: str) -> sd.Store:
         if name != "pendulum":
-            return working_copy(sd.Store(DATASETS), name, self.work)
+            return copy_dataset(sd.Store(DATASETS), name, self.work)
         store = sd.Store(self.work / name)
         if name not in store:
             if self.vild is None:
@@ -203,9 +203,9 @@ class Bench:
         settings = replace(given, **json.loads(run.changed))
 
         def worlds(count: int) -> VectorEnv[Any, Any, Any]:
-            return side_by_side(problem.env, count)
+            return make_vectorized(problem.env, count)
 
-        job = Job(run.method, settings, demonstrations, worlds, {}, full)
+        job = TrainJob(run.method, settings, demonstrations, worlds, {}, full)
         seen = [m for m in train(job).curve if m.evaluation is not None]
         scores = [m.evaluation.score or 0.0 for m in seen if m.evaluation is not None]
         curve = Curve(tuple(m.steps for m in seen), tuple(scores))

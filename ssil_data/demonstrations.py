@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
 
-_AT_ONCE = 1 << 18
+_CHUNK_ROWS = 1 << 18
 """Rows that are looked at together: mapped files may be larger than the memory."""
 ENDINGS = ("terminated", "truncated", "cut")
 """How an episode ended: by the task, by a time limit, or because its recording was cut."""
@@ -33,8 +33,8 @@ def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> 
         raise InvalidInputError(f"{name}: expected two dimensions, found shape {matrix.shape}")
     if width is not None and matrix.shape[1] != width:
         raise InvalidInputError(f"{name}: expected width {width}, found {matrix.shape[1]}")
-    for first in range(0, len(matrix), _AT_ONCE):
-        bad = np.argwhere(~np.isfinite(matrix[first : first + _AT_ONCE]))
+    for first in range(0, len(matrix), _CHUNK_ROWS):
+        bad = np.argwhere(~np.isfinite(matrix[first : first + _CHUNK_ROWS]))
         if len(bad):
             row, column = first + int(bad[0][0]), int(bad[0][1])
             raise InvalidInputError(
@@ -134,7 +134,7 @@ class Pairs:
         return Pairs(**{field.name: getattr(self, field.name)[keep] for field in fields(self)})
 
 
-def joined(parts: Sequence[Pairs]) -> Pairs:
+def join_pairs(parts: Sequence[Pairs]) -> Pairs:
     """Return pairs that follow each other as one."""
     names = [field.name for field in fields(Pairs)]
     return Pairs(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})

@@ -14,7 +14,7 @@ FARTHEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Standardiser:
+class Standardizer:
     """Subtracts a shift and divides by a scale, per dimension: shift (d,), scale (d,) float32."""
 
     shift: NDArray[np.float32]
@@ -36,7 +36,7 @@ class Standardiser:
             raise InvalidInputError(f"scale: expected positive numbers, found {self.scale.min()}")
 
     @classmethod
-    def of(cls, values: NDArray[np.floating]) -> Standardiser:
+    def of(cls, values: NDArray[np.floating]) -> Standardizer:
         """Take the mean and deviation of `values` (n, d), one row at least."""
         if values.ndim != 2 or not len(values):
             raise InvalidInputError(f"values: expected at least one row, found {values.shape}")
@@ -44,7 +44,7 @@ class Standardiser:
         return cls.of_moments(exact.mean(axis=0), exact.var(axis=0))
 
     @classmethod
-    def of_moments(cls, mean: NDArray[np.float64], variance: NDArray[np.float64]) -> Standardiser:
+    def of_moments(cls, mean: NDArray[np.float64], variance: NDArray[np.float64]) -> Standardizer:
         """Take mean (d,) and variance (d,); a constant dimension gets scale 1.
 
         Constant means a deviation that float32 rounding alone could cause: a column 1000.0 with a

@@ -48,7 +48,7 @@ def quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
     return Quality(
         mean_leverage_by_tier={tier: drives.tier_mean(tier) for tier in drives.tiers},
         auroc=auroc(drives.pairs(expert), drives.pairs(negative)) if both else None,
-        auroc_length_matched=drives.matched_auroc(expert, negative) if both else None,
+        auroc_length_matched=drives.length_matched_auroc(expert, negative) if both else None,
         spearman=spearman(means, scores),
         spearman_given_length=partial_spearman(means, scores, lengths),
     )
@@ -120,7 +120,7 @@ class _Drives:
     def tier_mean(self, tier: str) -> float:
         return float(self.pairs(self.of_tier(tier)).mean(dtype=np.float64))
 
-    def matched_auroc(self, expert: NDArray[np.int64], negative: NDArray[np.int64]) -> float:
+    def length_matched_auroc(self, expert: NDArray[np.int64], negative: NDArray[np.int64]) -> float:
         """Pit the first L steps of each negative episode against those of an expert episode.
 
         Expert episodes of at least that length take turns; where none is, both are cut to the

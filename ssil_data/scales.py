@@ -63,7 +63,7 @@ class MinMax(Scale):
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> Ramp:
         """Run from the pool's least uncertainty to its largest."""
-        pool = _finite("pool uncertainty", pool_uncertainty)
+        pool = _check_finite("pool uncertainty", pool_uncertainty)
         return Ramp(low=float(pool.min()), high=float(pool.max()))
 
 
@@ -88,7 +88,7 @@ class Quantile(Scale):
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> Ramp:
         """Run from the pool's low quantile to its high one."""
-        pool = _finite("pool uncertainty", pool_uncertainty)
+        pool = _check_finite("pool uncertainty", pool_uncertainty)
         low, high = np.quantile(pool, [self.low, self.high])
         return Ramp(low=float(low), high=float(high))
 
@@ -116,7 +116,7 @@ class Conformal(Scale):
         """Keep the sorted uncertainty of the held-out labeled pairs."""
         if held_out_labeled_uncertainty is None:
             raise InvalidInputError("conformal: expected held-out labeled uncertainty, found none")
-        residuals = _finite("held-out labeled uncertainty", held_out_labeled_uncertainty)
+        residuals = _check_finite("held-out labeled uncertainty", held_out_labeled_uncertainty)
         return Rank(tuple(np.sort(residuals).tolist()))
 
 
@@ -137,7 +137,7 @@ class Ramp(FittedScale):
 
     def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
         """Return the leverage (n,)."""
-        r = _ordered(uncertainty)
+        r = _check_numbers(uncertainty)
         if self.low == self.high:
             return (r <= self.low).astype(np.float32)
         return np.clip((self.high - r) / (self.high - self.low), 0, 1).astype(np.float32)
@@ -152,12 +152,12 @@ class Rank(FittedScale):
 
     def __post_init__(self) -> None:
         """Validate and keep the residuals as a sorted tuple of floats."""
-        residuals = _finite("residuals", self.residuals)
+        residuals = _check_finite("residuals", self.residuals)
         object.__setattr__(self, "residuals", tuple(np.sort(residuals).tolist()))
 
     def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
         """Return the leverage (n,)."""
-        smaller = np.searchsorted(self.residuals, _ordered(uncertainty), side="left")
+        smaller = np.searchsorted(self.residuals, _check_numbers(uncertainty), side="left")
         return (1 - smaller / len(self.residuals)).astype(np.float32)
 
 
@@ -179,15 +179,15 @@ def to_json(scale: Scale | FittedScale) -> dict[str, Any]:
 
 def from_json(json: Mapping[str, Any]) -> FittedScale:
     """Read a fitted scale from `to_json`'s object; raises InvalidInputError."""
-    return _built("fitted scale", FITTED, json)
+    return _build("fitted scale", FITTED, json)
 
 
 def settings_from_json(json: Mapping[str, Any]) -> Scale:
     """Read a scale's settings from `to_json`'s object; raises InvalidInputError."""
-    return _built("scale", SCALES, json)
+    return _build("scale", SCALES, json)
 
 
-def _built(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
+def _build(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
     values = dict(json)
     kind = values.pop("kind", None)
     if kind not in tuple(kinds):
@@ -198,7 +198,7 @@ def _built(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any])
         raise InvalidInputError(f"{name} {kind!r}: {error}") from None
 
 
-def _ordered(values: ArrayLike) -> NDArray[np.float64]:
+def _check_numbers(values: ArrayLike) -> NDArray[np.float64]:
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 1 or np.isnan(numbers).any():
         raise InvalidInputError(
@@ -207,7 +207,7 @@ def _ordered(values: ArrayLike) -> NDArray[np.float64]:
     return numbers
 
 
-def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _check_finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
         raise InvalidInputError(

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import ssil_data as sd
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
 from ssil_data.kernels import Estimate, References, Sampled
 
@@ -36,7 +36,7 @@ def racetrack(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     dataset = sd.Store(str(folder / "store"))["racetrack"]
     run = sd.score(dataset, sd.WindowVAE(), seed=0)
     states = dataset.pairs().states
-    return Standardiser.of(states)(states), dataset.leverage(run.run)
+    return Standardizer.of(states)(states), dataset.leverage(run.name)
 
 
 def mapped(path: Path, kind: str, count: int, known: tuple[np.ndarray, np.ndarray]) -> tuple:

@@ -22,11 +22,11 @@ from ssil_trainers.envs.rc_lidar import kernels as rc_kernel
 from ssil_trainers.envs.rc_lidar.lidar import directions_of
 from ssil_trainers.envs.rc_lidar.occupancy import load_map
 from ssil_trainers.envs.rc_lidar.track import Track
-from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, named_track
+from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, find_track
 
 BEAMS = np.linspace(-np.pi / 2, np.pi / 2, 19)
 REACH, PIXEL, RIM = 10.0, 0.05, 2.0
-_WALLS = named_track(TRAINING_TRACK).walls
+_WALLS = find_track(TRAINING_TRACK).walls
 
 Scan = Callable[[NDArray[np.float64]], object]
 """From one pose (3,) to its 19 ranges."""
@@ -35,14 +35,14 @@ Scan = Callable[[NDArray[np.float64]], object]
 def poses(count: int = 2_000) -> NDArray[np.float64]:
     """Return poses near the middle of the training track."""
     rng = np.random.default_rng(0)
-    places = named_track(TRAINING_TRACK).places(0.05)
+    places = find_track(TRAINING_TRACK).places(0.05)
     chosen = places[rng.integers(len(places), size=count)]
     return chosen + rng.normal(scale=[0.1, 0.1, 0.1], size=(count, 3))
 
 
 def scanners() -> dict[str, Scan]:
     """Return every way to scan by name; f1tenth_gym's only where its file is at hand."""
-    track = named_track(TRAINING_TRACK)
+    track = find_track(TRAINING_TRACK)
     with tempfile.TemporaryDirectory() as folder:
         drawn = draw(track, Path(folder))
         found = {

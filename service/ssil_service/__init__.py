@@ -1,6 +1,6 @@
 """Leverage and LCoR over REST, on the same store; it stands on ssil_data and knows no trainer.
 
-`embedded(store)` serves a store in this process, without a socket.
+`embed(store)` serves a store in this process, without a socket.
 """
 
 from importlib import import_module
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ssil_service.app import create_app
-    from ssil_service.server.embedded import embedded
+    from ssil_service.server.embedded import embed
     from ssil_service.settings import Settings
 
-_HOME = {"Settings": "settings", "create_app": "app", "embedded": "inprocess"}
+_HOME = {"Settings": "settings", "create_app": "app", "embed": "server.embedded"}
 
-__all__ = ["Settings", "create_app", "embedded"]
+__all__ = ["Settings", "create_app", "embed"]
 
 
 def __getattr__(name: str) -> Any:

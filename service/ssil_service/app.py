@@ -18,28 +18,28 @@ from starlette.responses import Response
 from ssil_data.errors import SsilDataError
 from ssil_data.store import Store
 from ssil_service.context import Context
-from ssil_service.http.middleware import Edge
-from ssil_service.http.openapi import allowed, described, problems
-from ssil_service.http.route_cache import Shortcut
-from ssil_service.jobs.queue import Board
+from ssil_service.http.middleware import Middleware
+from ssil_service.http.openapi import allowed_methods, build_document, problems
+from ssil_service.http.route_cache import RouteCache
+from ssil_service.jobs.queue import JobQueue
 from ssil_service.metrics import Metrics
 from ssil_service.problems import Problem, of_fault, of_library, of_validation
-from ssil_service.queries.admission import Gate
-from ssil_service.queries.catalog import Catalogue
+from ssil_service.queries.admission import BoundedExecutor
+from ssil_service.queries.catalog import Catalog
 from ssil_service.routes import datasets, health, inference, jobs, queries, runs, uploads
 from ssil_service.routes.parameters import refuse_unknown
 from ssil_service.security.authentication import Keys, may_read, may_write
 from ssil_service.security.hosts import Hosts
 from ssil_service.settings import Settings
 from ssil_service.workers.decoding import Decoder
-from ssil_service.workers.lease import State
+from ssil_service.workers.lease import ServerLease
 from ssil_service.workers.pool import Pool
 
 _BASE = 2**29
 """Memory that a worker takes before it has done anything, and some to spare."""
 
 
-def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Edge:
+def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Middleware:
     """Return the service as an ASGI application; it takes its place when its lifespan begins.
 
     Without keys it answers to local names only, and to these `hosts`.
@@ -69,29 +69,29 @@ def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Edge:
         app.include_router(each.open_router, dependencies=[everywhere])
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
-    app.openapi = lambda: described(app)
-    app.state.shortcut = Shortcut(app, partial(_explained, app))
-    return Edge(app, settings, metrics, None if keys else Hosts.of(settings, hosts))
+    app.openapi = lambda: build_document(app)
+    app.state.shortcut = RouteCache(app, partial(_explain_library_error, app))
+    return Middleware(app, settings, metrics, None if keys else Hosts.of(settings, hosts))
 
 
 def open_context(app: FastAPI) -> Context:
     """Make the parts of the service: take a place in the state folder, look at the store."""
     settings: Settings = app.state.settings
-    state = State(settings.state_folder)
-    catalogue = Catalogue(Store(settings.store), settings.cache_bytes)
+    state = ServerLease(settings.state_folder)
+    catalogue = Catalog(Store(settings.store), settings.cache_bytes)
     catalogue.sweep()
-    gate = Gate(settings.computing, settings.waiting)
-    texts = Gate(1, settings.waiting)
+    gate = BoundedExecutor(settings.computing, settings.waiting)
+    texts = BoundedExecutor(1, settings.waiting)
     fits = Pool(state.lock, settings.job_bytes, settings.job_seconds, keep=1)
     bodies = Pool(state.lock, settings.decoded_bytes + _BASE, settings.decode_seconds, keep=1)
     decoder = Decoder(
         state, bodies, query_rows=settings.query_rows, upload_rows=settings.decoded_bytes // 8
     )
-    board = Board(settings.store, state, fits, settings.jobs, settings.job_queue)
+    board = JobQueue(settings.store, state, fits, settings.jobs, settings.job_queue)
     board.start()
     local = catalogue.store.folder.local
     home = local if local is not None and local.is_dir() else None
-    app.state.metrics.watch(gate, texts, catalogue.cache)
+    app.state.metrics.watch_queries(gate, texts, catalogue.cache)
     return Context(
         settings,
         app.state.keys,
@@ -118,45 +118,45 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             context.close()
 
 
-async def _problem(request: Request, error: Any) -> Response:
+async def _handle_problem(request: Request, error: Any) -> Response:
     return error.response(request.url.path)
 
 
-def _explained(app: FastAPI, error: SsilDataError) -> Problem:
+def _explain_library_error(app: FastAPI, error: SsilDataError) -> Problem:
     return of_library(error, [Store(app.state.settings.store).folder.uri])
 
 
-async def _library(request: Request, error: Any) -> Response:
-    return _explained(request.app, error).response(request.url.path)
+async def _handle_library_error(request: Request, error: Any) -> Response:
+    return _explain_library_error(request.app, error).response(request.url.path)
 
 
-async def _validation(request: Request, error: Any) -> Response:
+async def _handle_validation_error(request: Request, error: Any) -> Response:
     return of_validation(error.errors(), "request").response(request.url.path)
 
 
-async def _http(request: Request, error: Any) -> Response:
+async def _handle_http_error(request: Request, error: Any) -> Response:
     headers = dict(error.headers or {})
     if error.status_code == 405:
-        headers["Allow"] = ", ".join(allowed(request.app, request.url.path))
+        headers["Allow"] = ", ".join(allowed_methods(request.app, request.url.path))
     details = {404: "path: expected one that exists, found another", 405: "method: see Allow"}
     detail = details.get(error.status_code, "request: expected another form")
     return Problem(error.status_code, detail, headers=headers).response(request.url.path)
 
 
-async def _gone(request: Request, error: Any) -> Response:
+async def _client_disconnected(request: Request, error: Any) -> Response:
     """Return what nobody hears, and the metrics count as the client's doing."""
     return Response(status_code=499)
 
 
-async def _fault(request: Request, error: Any) -> Response:
+async def _handle_unexpected_error(request: Request, error: Any) -> Response:
     return of_fault(error).response(request.url.path)  # the edge logs it
 
 
 _HANDLERS: dict[type[Exception], Any] = {
-    Problem: _problem,
-    SsilDataError: _library,
-    RequestValidationError: _validation,
-    HTTPException: _http,
-    ClientDisconnect: _gone,
-    Exception: _fault,
+    Problem: _handle_problem,
+    SsilDataError: _handle_library_error,
+    RequestValidationError: _handle_validation_error,
+    HTTPException: _handle_http_error,
+    ClientDisconnect: _client_disconnected,
+    Exception: _handle_unexpected_error,
 }

@@ -29,7 +29,9 @@ class _Lines(logging.Formatter):
         return to_json(line, fallback=str).decode()
 
 
-def told(message: str, *, level: int = logging.INFO, trace: bool = False, **fields: object) -> None:
+def log_event(
+    message: str, *, level: int = logging.INFO, trace: bool = False, **fields: object
+) -> None:
     """Log a message with fields of its own."""
     if log.isEnabledFor(level):
         log.log(level, message, extra={_FIELDS: fields}, exc_info=trace)

@@ -9,7 +9,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 from prometheus_client.metrics_core import CounterMetricFamily
 from prometheus_client.registry import Collector
 
-from ssil_service.queries.admission import Gate
+from ssil_service.queries.admission import BoundedExecutor
 from ssil_service.queries.catalog import Cache
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
@@ -48,18 +48,18 @@ class Metrics:
         )
         self._jobs = Gauge("ssil_jobs", "Scoring jobs.", ("state",), registry=self.registry)
 
-    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+    def record_answer(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count and time an answer; methods that clients make up are one, as labels stay."""
         key = (method if method in _METHODS else "any", route, status)
         if key not in self._known:  # finding the labels takes longer than counting
             self._known[key] = self._latency.labels(*key)
         self._known[key].observe(seconds)
 
-    def rows(self, route: str, count: int) -> None:
+    def record_rows(self, route: str, count: int) -> None:
         """Count the rows of a question."""
         self._rows.labels(route).inc(count)
 
-    def watch_edge(
+    def watch_middleware(
         self, *, requests: Callable[[], int], streams: Callable[[], int], held: Callable[[], int]
     ) -> None:
         """Read what is in flight whenever the metrics are asked for."""
@@ -71,12 +71,12 @@ class Metrics:
             }
         )
 
-    def jobs(self, counts: dict[str, int]) -> None:
+    def record_jobs(self, counts: dict[str, int]) -> None:
         """Tell how many jobs are in each state."""
         for state, count in counts.items():
             self._jobs.labels(state).set(count)
 
-    def watch(self, gate: Gate, texts: Gate, cache: Cache) -> None:
+    def watch_queries(self, gate: BoundedExecutor, texts: BoundedExecutor, cache: Cache) -> None:
         """Read queues and cache whenever the metrics are asked for."""
         gauges = {
             "ssil_questions_admitted": (

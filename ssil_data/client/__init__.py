@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ssil_data.client.connection import Patience, ServiceError
+    from ssil_data.client.connection import RetryPolicy, ServiceError
     from ssil_data.client.dataset import RemoteDataset
     from ssil_data.client.field import RemoteField, RemoteModel
     from ssil_data.client.jobs import JobFailedError, RemoteJob
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "JobFailedError": "jobs",
-    "Patience": "connection",
+    "RetryPolicy": "connection",
     "RemoteDataset": "dataset",
     "RemoteField": "field",
     "RemoteJob": "jobs",
@@ -27,12 +27,12 @@ _HOME = {
 
 __all__ = [
     "JobFailedError",
-    "Patience",
     "RemoteDataset",
     "RemoteField",
     "RemoteJob",
     "RemoteModel",
     "RemoteStore",
+    "RetryPolicy",
     "ServiceError",
     "connect",
 ]

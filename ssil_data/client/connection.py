@@ -29,14 +29,14 @@ class ServiceError(SsilDataError):
 
 
 @dataclass(frozen=True)
-class Patience:
+class RetryPolicy:
     """How long to try again: waits double from `first` to `longest`, `total` seconds in all."""
 
     first: float = 0.05
     longest: float = 5.0
     total: float = 120.0
 
-    def wait(self, attempt: int, asked: float) -> float:
+    def seconds_before(self, attempt: int, asked: float) -> float:
         """Return the seconds before another attempt: at least what was asked, with jitter."""
         backoff = min(self.longest, self.first * 2.0 ** min(attempt, 32))
         return max(asked, backoff / 2) + random.uniform(0, backoff / 2)
@@ -45,7 +45,7 @@ class Patience:
 class Connection:
     """Requests to one service; may be used from several threads."""
 
-    def __init__(self, client: httpx.Client, patience: Patience, work_timeout: float) -> None:
+    def __init__(self, client: httpx.Client, patience: RetryPolicy, work_timeout: float) -> None:
         self.client = client
         self.patience = patience
         self.work_timeout = work_timeout
@@ -91,7 +91,7 @@ class Connection:
             try:
                 answer = self.client.send(request)
                 if answer.status_code not in _BUSY:
-                    return _checked(answer)
+                    return _raise_for_status(answer)
                 if not (repeatable or "Retry-After" in answer.headers):
                     raise ServiceError(f"service: {_detail(answer)}{_MAYBE}")
                 failure = ServiceError(f"service: {_detail(answer)}")
@@ -105,17 +105,17 @@ class Connection:
             except httpx.TransportError as error:
                 unsent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 lost = isinstance(error, httpx.NetworkError | httpx.RemoteProtocolError)
-                failure = _unreached(self.client, error, done=not (unsent or repeatable))
+                failure = _unreachable(self.client, error, done=not (unsent or repeatable))
                 if not (unsent or (lost and repeatable)):
                     raise failure from None
-            wait = self.patience.wait(attempt, asked)
+            wait = self.patience.seconds_before(attempt, asked)
             if time.monotonic() + wait > deadline:
                 raise failure
             time.sleep(wait)
             attempt += 1
 
 
-def _checked(answer: httpx.Response) -> httpx.Response:
+def _raise_for_status(answer: httpx.Response) -> httpx.Response:
     if answer.is_success:
         return answer
     status, detail = answer.status_code, _detail(answer)
@@ -147,7 +147,7 @@ def _retry_after(answer: httpx.Response) -> float:
         return 0.0
 
 
-def _unreached(client: httpx.Client, error: httpx.TransportError, *, done: bool) -> ServiceError:
+def _unreachable(client: httpx.Client, error: httpx.TransportError, *, done: bool) -> ServiceError:
     found = str(error) or type(error).__name__
     rest = _MAYBE if done else ""
     return ServiceError(f"service: expected an answer from {client.base_url}, found {found}{rest}")

@@ -15,15 +15,15 @@ from ssil_data import scales
 from ssil_data.client.connection import Connection
 from ssil_data.client.field import RemoteField, RemoteModel
 from ssil_data.client.jobs import RemoteJob
-from ssil_data.client.wire import ARROW, IDEMPOTENCY, decoded, matrix_of_rows, pairs_of_table
-from ssil_data.demonstrations import Episode, Pairs, joined
+from ssil_data.client.wire import ARROW, IDEMPOTENCY, decode, matrix_of_rows, pairs_of_table
+from ssil_data.demonstrations import Episode, Pairs, join_pairs
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.estimators import Estimator, to_json
-from ssil_data.kernels import checked_alpha
+from ssil_data.kernels import check_alpha
 from ssil_data.scales import Scale
 from ssil_data.scoring import Progress
 from ssil_data.store.arrow_schema import VALUES
-from ssil_data.store.folder import checked_name
+from ssil_data.store.folder import check_name
 from ssil_data.store.runs import Run
 
 
@@ -80,7 +80,7 @@ class RemoteDataset:
 
     def pairs(self) -> Pairs:
         """Read all pairs into memory."""
-        return joined(list(self.batches()))
+        return join_pairs(list(self.batches()))
 
     def batches(self) -> Iterator[Pairs]:
         """Read all pairs in order, a page at a time."""
@@ -109,7 +109,7 @@ class RemoteDataset:
         values = self.episodes[column].to_numpy()
         return np.repeat(values, self.episodes["length"].to_numpy())
 
-    def recorded(self, column: str) -> NDArray[np.float32] | None:
+    def read_recorded(self, column: str) -> NDArray[np.float32] | None:
         """Read `reward` (n,) or `position` (n, 2) of every pair; None where any has none."""
         values = self._table(f"{self.path}/pairs", {"recorded": column})[column]
         if values.null_count:
@@ -128,7 +128,7 @@ class RemoteDataset:
 
     def run_path(self, run: str) -> str:
         """Return where a run is asked for; raises InvalidInputError for what names none."""
-        return f"{self.path}/runs/{checked_name('run', run)}"
+        return f"{self.path}/runs/{check_name('run', run)}"
 
     def field(self, run: str, *, alpha: float | None = None) -> RemoteField:
         """Return the leverage field of a run over all states, with the run's alpha or another."""
@@ -138,7 +138,7 @@ class RemoteDataset:
             path=self.run_path(run),
             version=self.version,
             width=len(self.state_names),
-            alpha=record.alpha if alpha is None else checked_alpha(alpha),
+            alpha=record.alpha if alpha is None else check_alpha(alpha),
             most_rows=self._limits["query_rows"],
         )
 
@@ -212,7 +212,7 @@ class RemoteDataset:
             answer = self._connection.request(
                 "GET", path, params=page, headers={"Accept": ARROW}, work=True
             )
-            table = decoded(answer.content)
+            table = decode(answer.content)
             yield table.replace_schema_metadata(None)
             offset += len(table)
             if offset >= int(answer.headers["X-Total-Count"]) or not len(table):
@@ -229,7 +229,7 @@ class RemoteRuns:
     def all(self) -> list[Run]:
         """List the runs of every version of the dataset, oldest first."""
         listed = self._connection.json("GET", f"{self._dataset.path}/runs")
-        return [Run(**record) for record in listed["runs"]]
+        return [Run.from_json(record) for record in listed["runs"]]
 
     def __iter__(self) -> Iterator[Run]:
         """Go through the runs of this version, oldest first."""
@@ -247,11 +247,11 @@ class RemoteRuns:
 
     def names(self) -> list[str]:
         """List the names of the runs of every version."""
-        return sorted(run.run for run in self.all())
+        return sorted(run.name for run in self.all())
 
     def of_any_version(self, name: str) -> Run:
         """Open a run whose model is to be used, not its values; raises NotFoundError."""
-        return Run(**self._connection.json("GET", self._dataset.run_path(name)))
+        return Run.from_json(self._connection.json("GET", self._dataset.run_path(name)))
 
     def values(self, name: str) -> pa.Table:
         """Read a run's values in the order of the pairs; columns as in `rows.VALUES`."""

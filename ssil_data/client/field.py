@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.client.connection import Connection
-from ssil_data.client.wire import ARROW, decoded, encoded, matrix_of_rows, pairs_table, states_table
+from ssil_data.client.wire import ARROW, decode, encode, matrix_of_rows, pairs_table, states_table
 from ssil_data.demonstrations import Pairs, finite_matrix
 from ssil_data.errors import InvalidInputError
 from ssil_data.field.answers import Accuracy, Contributors, LCoR
@@ -51,7 +51,7 @@ class RemoteField:
         options: dict[str, Any] = {"tolerance": tolerance, "seconds": seconds}
         if not Accuracy(tolerance, relative, seconds, seed).exact:
             options |= {"relative": str(relative).lower(), "seed": seed}
-        table = self._asked("lcor", states, contributors=contributors, **options)
+        table = self._query("lcor", states, contributors=contributors, **options)
         return LCoR(
             **{name: table[name].to_numpy() for name in _ANSWERS},
             contributors=Contributors(
@@ -62,7 +62,7 @@ class RemoteField:
 
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
         """Return the sums of equation 5, which add up over the shards of a store."""
-        table = self._asked("lcor", states, contributors=contributors, sums="true")
+        table = self._query("lcor", states, contributors=contributors, sums="true")
         return Sums(
             **{name: table[name].to_numpy() for name in _SUMS},
             nearest=_lists(table, "nearest", np.int64),
@@ -71,9 +71,9 @@ class RemoteField:
 
     def cor(self, states: ArrayLike) -> NDArray[np.float64]:
         """Return CoR (equation 2) of states (m, d) in raw units, (m,) in [0, 1]."""
-        return self._asked("cor", states)["value"].to_numpy()
+        return self._query("cor", states)["value"].to_numpy()
 
-    def _asked(self, what: str, states: ArrayLike, **options: Any) -> pa.Table:
+    def _query(self, what: str, states: ArrayLike, **options: Any) -> pa.Table:
         if options.get("contributors", 0) < 0:
             found = options["contributors"]
             raise InvalidInputError(f"contributors: expected at least 0, found {found}")
@@ -112,11 +112,11 @@ class RemoteModel:
 def _question(
     connection: Connection, url: str, table: pa.Table, params: Mapping[str, Any]
 ) -> pa.Table:
-    body = encoded(table).to_pybytes()
+    body = encode(table).to_pybytes()
     answer = connection.request(
         "POST", url, params=params, content=body, headers=_HEADERS, repeatable=True, work=True
     )
-    return decoded(answer.content)
+    return decode(answer.content)
 
 
 def _lists(table: pa.Table, name: str, dtype: Any) -> NDArray[Any]:

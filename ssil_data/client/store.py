@@ -9,13 +9,13 @@ from typing import Any, Self
 
 import httpx
 
-from ssil_data.client.connection import Connection, Patience
+from ssil_data.client.connection import Connection, RetryPolicy
 from ssil_data.client.dataset import RemoteDataset
 from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import NotFoundError
-from ssil_data.store.folder import checked_name
+from ssil_data.store.folder import check_name
 
 
 class RemoteStore:
@@ -82,7 +82,7 @@ class RemoteStore:
     ) -> RemoteDataset:
         """Write a new dataset; it appears whole, at the end, or not at all."""
         body = episodes_body(episodes, state_names, action_names, card)
-        path = f"v1/datasets/{checked_name('dataset', name)}"
+        path = f"v1/datasets/{check_name('dataset', name)}"
         headers = {"Content-Type": ARROW}
         summary = self.connection.json("PUT", path, content=body, headers=headers, work=True)
         return RemoteDataset(self.connection, summary, self.limits)
@@ -92,11 +92,11 @@ class RemoteStore:
 
         Raises NotFoundError, or ConflictError while a job or an upload works on it.
         """
-        path = f"v1/datasets/{checked_name('dataset', name)}"
+        path = f"v1/datasets/{check_name('dataset', name)}"
         self.connection.request("DELETE", path, work=True)
 
     def _summary(self, name: str) -> dict[str, Any]:
-        path = f"v1/datasets/{checked_name('dataset', name)}"
+        path = f"v1/datasets/{check_name('dataset', name)}"
         return self.connection.json("GET", path)
 
 
@@ -106,7 +106,7 @@ def connect(
     *,
     timeout: float = 30.0,
     work_timeout: float = 3600.0,
-    patience: Patience = Patience(),  # noqa: B008
+    patience: RetryPolicy = RetryPolicy(),  # noqa: B008
     transport: httpx.BaseTransport | None = None,
 ) -> RemoteStore:
     """Return the store that a service at `url` serves: the surface of `Store`, the same numbers.

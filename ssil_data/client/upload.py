@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from ssil_data.client.wire import encoded, rows_of_matrix
+from ssil_data.client.wire import encode, rows_of_matrix
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 
@@ -37,7 +37,7 @@ def episodes_body(
         "card": card,
     }
     rows = pa.concat_tables(tables).combine_chunks()  # or each episode would be a batch
-    return encoded(rows.replace_schema_metadata(metadata)).to_pybytes()
+    return encode(rows.replace_schema_metadata(metadata)).to_pybytes()
 
 
 def _rows(number: int, episode: Episode) -> pa.Table:

@@ -22,7 +22,7 @@ IDEMPOTENCY = "Idempotency-Key"
 """A job asked for twice under one such key is made once."""
 
 
-def encoded(table: pa.Table) -> pa.Buffer:
+def encode(table: pa.Table) -> pa.Buffer:
     """Return a table as an Arrow IPC stream."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema, options=_OPTIONS) as stream:
@@ -30,7 +30,7 @@ def encoded(table: pa.Table) -> pa.Buffer:
     return sink.getvalue()
 
 
-def decoded(body: bytes | pa.Buffer) -> pa.Table:
+def decode(body: bytes | pa.Buffer) -> pa.Table:
     """Return the table of an Arrow IPC stream from a service that is trusted."""
     try:
         return pa.ipc.open_stream(body).read_all()

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
 from ssil_data.errors import DamagedError, InvalidInputError
-from ssil_data.interop import Columns, Imported, Layout, imported, read_columns
+from ssil_data.interop import Columns, Imported, Layout, import_episodes, read_columns
 from ssil_data.store.dataset import Dataset
 
 _Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
@@ -89,11 +89,11 @@ def import_file(
         tier=tier,
         labeled=labeled,
     )
-    found = imported(columns, layout)
+    found = import_episodes(columns, layout)
     store = place.open()
     if append:
-        with store.writing(name) as before:
-            dataset = _checked_names(before, found).append(found.episodes)
+        with store.open_for_writing(name) as before:
+            dataset = _refuse_other_names(before, found).append(found.episodes)
     else:
         dataset = store.create(
             name,
@@ -124,7 +124,7 @@ def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False)
     store, version = place.open(), None
     try:
         dataset = store[name]
-        version, damaged = dataset.version, dataset.damaged()
+        version, damaged = dataset.version, dataset.find_damage()
     except DamagedError as error:
         damaged = [str(error)]
     if json:
@@ -149,7 +149,7 @@ def _summary(dataset: Dataset) -> dict[str, str | int]:
     }
 
 
-def _checked_names(dataset: Dataset, found: Imported) -> Dataset:
+def _refuse_other_names(dataset: Dataset, found: Imported) -> Dataset:
     """Return the dataset if the dimensions to be added have its names, in its order."""
     for kind, names, have in (
         ("state", found.state_names, dataset.state_names),

@@ -20,7 +20,7 @@ from ssil_data.commands.output import (
 from ssil_data.errors import InvalidInputError
 from ssil_data.field.answers import Accuracy, LCoR
 from ssil_data.interop import read_states
-from ssil_data.kernels import checked_alpha
+from ssil_data.kernels import check_alpha
 from ssil_data.store.dataset import Dataset
 
 
@@ -95,7 +95,7 @@ def _alpha(text: str | None) -> float | None:
         number = float(text)
     except ValueError:
         raise InvalidInputError(f'alpha: expected a number > 0 or "auto", found {text}') from None
-    return checked_alpha(number)
+    return check_alpha(number)
 
 
 def _contributors(dataset: Dataset, answer: LCoR) -> list[list[dict[str, Any]]]:

@@ -63,7 +63,7 @@ def score(
     fitted:
         Use the estimator and scale of this run, [DATASET/]RUN, instead of fitting.
     """
-    with place.open().writing(name) as dataset, progress() as report:
+    with place.open().open_for_writing(name) as dataset, progress() as report:
         if fitted is not None:
             fitting = {"estimator": estimator, "preset": preset, "scale": scale}
             fitting |= {"surprisal": surprisal, "seed": seed}
@@ -112,7 +112,7 @@ def show(
         The dataset.
     """
     dataset = place.open()[name]
-    rows = [_judged(dataset, run) for run in dataset.runs]
+    rows = [_quality_row(dataset, run) for run in dataset.runs]
     if json:
         print_json({"dataset": name, "dataset_version": dataset.version, "runs": rows})
         return
@@ -149,7 +149,7 @@ def report(
 
 def _summary(run: Run) -> dict[str, Any]:
     return {
-        "run": run.run,
+        "run": run.name,
         "dataset": run.dataset,
         "dataset_version": run.dataset_version,
         "estimator": run.estimator["kind"],
@@ -162,12 +162,12 @@ def _summary(run: Run) -> dict[str, Any]:
     }
 
 
-def _judged(dataset: Dataset, run: Run) -> dict[str, Any]:
-    leverage = dataset.leverage(run.run)
+def _quality_row(dataset: Dataset, run: Run) -> dict[str, Any]:
+    leverage = dataset.leverage(run.name)
     labeled = dataset.per_pair("labeled").astype(bool)
     parts = {"labeled": leverage[labeled], "unlabeled": leverage[~labeled]}
     return {
-        "run": run.run,
+        "run": run.name,
         "estimator": run.estimator["kind"],
         "preset": run.preset,
         "mean_leverage": {k: float(v.mean()) if len(v) else None for k, v in parts.items()},

@@ -52,7 +52,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
         justify = "right" if isinstance(value, int | float) else "left"
         table.add_column(Text(name), justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*(Text(_shown(value)) for value in row.values()))
+        table.add_row(*(Text(_format(value)) for value in row.values()))
     console().print(table)
 
 
@@ -61,7 +61,7 @@ def console() -> Console:
     return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
     if value is None:
         return "–"
     if isinstance(value, bool):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from tempfile import TemporaryDirectory
 
-from ssil_data.client import Patience, RemoteStore, connect
+from ssil_data.client import RemoteStore, RetryPolicy, connect
 from ssil_data.commands.output import Place
 from ssil_data.store import Store
 
@@ -30,7 +30,7 @@ _SILENT = 4
 
 
 @contextmanager
-def asked(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
+def open_store(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
     """Open the store behind a service: at the URL `service`, or in this process without one.
 
     An embedded service writes nothing but what it is asked to write. Where it is not installed, the
@@ -38,11 +38,11 @@ def asked(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
     SSIL_API_KEY; once it has answered, it may be away for an hour. Raises ServiceError.
     """
     if service is not None:
-        with _reached(service) as store:
+        with _connect(service) as store:
             yield store
         return
     try:
-        embedded = import_module("ssil_service").embedded
+        embed = import_module("ssil_service").embed
     except ModuleNotFoundError as error:
         if error.name not in _OF_SERVICE:
             raise
@@ -50,13 +50,13 @@ def asked(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
         return
     with (
         TemporaryDirectory() as state,
-        embedded(place.store, state=state, read_key=None, write_key=None) as store,
+        embed(place.store, state=state, read_key=None, write_key=None) as store,
     ):
         yield store
 
 
 @contextmanager
-def _reached(url: str) -> Iterator[RemoteStore]:
+def _connect(url: str) -> Iterator[RemoteStore]:
     key, patience = os.environ.get(KEY), _Told(total=LATER, url=url)
     with connect(url, key, patience=replace(patience, total=AT_FIRST)) as store:
         _ = store.limits
@@ -65,12 +65,12 @@ def _reached(url: str) -> Iterator[RemoteStore]:
 
 
 @dataclass(frozen=True)
-class _Told(Patience):
+class _Told(RetryPolicy):
     """Patience that says on standard error that it waits, once for every question."""
 
     url: str = ""
 
-    def wait(self, attempt: int, asked: float) -> float:
+    def seconds_before(self, attempt: int, asked: float) -> float:
         if attempt == _SILENT:
             print(f"Waiting for {self.url}, which is busy or away ...", file=sys.stderr, flush=True)
-        return super().wait(attempt, asked)
+        return super().seconds_before(attempt, asked)

@@ -82,7 +82,7 @@ def load(data: bytes) -> Fitted:
             raise DamagedError(f"estimator: expected finite float32 in {name}, found otherwise")
     try:
         widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
-        return _nested(_FITTED[settings.kind], tensors, settings=settings, **widths)
+        return _unflatten(_FITTED[settings.kind], tensors, settings=settings, **widths)
     except _MALFORMED as error:
         raise DamagedError(f"{settings.kind}: expected arrays that fit, found {error}") from None
 
@@ -109,7 +109,7 @@ def _flat(part: Any) -> dict[str, NDArray]:
     }
 
 
-def _nested(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
+def _unflatten(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
     """Undo `_flat` for a part of a type, some of whose fields are known."""
     if get_origin(kind) is np.ndarray:
         return tensors[""]
@@ -119,7 +119,7 @@ def _nested(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
         children.setdefault(name, {})[rest] = array
     if get_origin(kind) is tuple:
         element, _ = get_args(kind)
-        return tuple(_nested(element, children[str(index)]) for index in range(len(children)))
+        return tuple(_unflatten(element, children[str(index)]) for index in range(len(children)))
     hints = get_type_hints(kind)
     names = [field.name for field in fields(kind) if field.name not in known]
-    return kind(**known, **{name: _nested(hints[name], children[name]) for name in names})
+    return kind(**known, **{name: _unflatten(hints[name], children[name]) for name in names})

@@ -38,7 +38,7 @@ class Estimator(ABC):
     def __post_init__(self) -> None:
         """Validate every setting against the type of its default."""
         for field in fields(self):
-            value = _checked(f"{self.kind}: {field.name}", getattr(self, field.name), field.default)
+            value = _check(f"{self.kind}: {field.name}", getattr(self, field.name), field.default)
             object.__setattr__(self, field.name, value)
 
     @abstractmethod
@@ -94,13 +94,13 @@ def refuse_unfit(labeled: Pairs, seed: int) -> None:
         raise InvalidInputError(f"seed: expected a number from 0 to 2^63 - 1, found {seed}")
 
 
-def in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
+def apply_in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
     """Apply a row-wise formula to `BLOCK` rows at a time of arrays with n rows each."""
     starts = range(0, max(1, len(arrays[0])), BLOCK)
     return np.concatenate([formula(*(a[i : i + BLOCK] for a in arrays)) for i in starts])
 
 
-def _checked(name: str, value: Any, default: object) -> float:
+def _check(name: str, value: Any, default: object) -> float:
     """Return `value` in the type of `default`: a truth value, a count or a positive number."""
     if isinstance(default, bool):
         if isinstance(value, bool):

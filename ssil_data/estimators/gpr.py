@@ -17,11 +17,11 @@ from ssil_data.estimators.base import (
     Estimator,
     Fitted,
     Uncertainty,
+    apply_in_blocks,
     expect,
-    in_blocks,
     refuse_unfit,
 )
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 
 FAINTEST = -30.0
 """Least exponent of the kernel: nothing to float32, and products do not slow down as denormals."""
@@ -51,7 +51,7 @@ class GPR(Estimator):
         from ssil_data.estimators.learning import marginal, posterior
 
         refuse_unfit(labeled, seed)
-        states, actions = Standardiser.of(labeled.states), Standardiser.of(labeled.actions)
+        states, actions = Standardizer.of(labeled.states), Standardizer.of(labeled.actions)
         x, y = states(labeled.states), actions(labeled.actions)
         order = np.random.default_rng(seed).permutation(len(x))
         some, inducing = np.sort(order[: self.learn_on]), np.sort(order[: self.inducing])
@@ -111,8 +111,8 @@ class FittedGPR(Fitted):
     """r = (Σ posterior variance of the action dimensions)^½, without the constant noise."""
 
     settings: GPR
-    states: Standardiser
-    actions: Standardiser
+    states: Standardizer
+    actions: Standardizer
     inducing: NDArray[np.float32]
     processes: tuple[Process, ...]
 
@@ -153,6 +153,6 @@ class FittedGPR(Fitted):
             surprisal = (distance + np.log(2 * np.pi * spread)).sum(axis=1) / 2
             return np.column_stack([surprisal, deviation])
 
-        total, epistemic = in_blocks(judge, pairs.states, pairs.actions).T.copy()
+        total, epistemic = apply_in_blocks(judge, pairs.states, pairs.actions).T.copy()
         aleatoric = np.full_like(epistemic, np.sqrt(self.noise.sum()))
         return Uncertainty(total, {"aleatoric": aleatoric, "epistemic": epistemic})

@@ -18,12 +18,12 @@ from ssil_data.estimators.base import (
     Estimator,
     Fitted,
     Uncertainty,
+    apply_in_blocks,
     expect,
-    in_blocks,
     refuse_unfit,
 )
 from ssil_data.estimators.perceptron import Perceptron
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class MDN(Estimator):
         from ssil_data.estimators.learning import mixture
 
         refuse_unfit(labeled, seed)
-        states, actions = Standardiser.of(labeled.states), Standardiser.of(labeled.actions)
+        states, actions = Standardizer.of(labeled.states), Standardizer.of(labeled.actions)
         return FittedMDN(
             settings=self,
             state_width=labeled.states.shape[1],
@@ -94,8 +94,8 @@ class FittedMDN(Fitted):
     """r = aleatoric + epistemic variance of the standardised action (paper)."""
 
     settings: MDN
-    states: Standardiser
-    actions: Standardiser
+    states: Standardizer
+    actions: Standardizer
     network: Perceptron
 
     def __post_init__(self) -> None:
@@ -124,5 +124,5 @@ class FittedMDN(Fitted):
             total = mixture.surprisal(self.actions(actions)) if judged else sum(parts)
             return np.column_stack([total, *parts])
 
-        total, aleatoric, epistemic = in_blocks(judge, pairs.states, pairs.actions).T.copy()
+        total, aleatoric, epistemic = apply_in_blocks(judge, pairs.states, pairs.actions).T.copy()
         return Uncertainty(total, {"aleatoric": aleatoric, "epistemic": epistemic})

@@ -13,12 +13,12 @@ from ssil_data.estimators.base import (
     Estimator,
     Fitted,
     Uncertainty,
+    apply_in_blocks,
     expect,
-    in_blocks,
     refuse_unfit,
 )
 from ssil_data.estimators.perceptron import Perceptron
-from ssil_data.features import Standardiser, windows
+from ssil_data.features import Standardizer, windows
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class AutoencoderSettings(Estimator):
         from ssil_data.estimators.learning import autoencoder
 
         refuse_unfit(labeled, seed)
-        inputs = seen(labeled, self.window)
-        standardiser = Standardiser.of(inputs)
+        inputs = autoencoder_inputs(labeled, self.window)
+        standardiser = Standardizer.of(inputs)
         encoder, decoder = autoencoder.learn(standardiser(inputs), self, seed=seed)
         return FittedAutoencoder(
             settings=self,
@@ -77,7 +77,7 @@ class FittedAutoencoder(Fitted):
     """r = ‖s − decoder(encoder mean(s))‖₂ on standardised states or windows (paper)."""
 
     settings: AutoencoderSettings
-    standardiser: Standardiser
+    standardiser: Standardizer
     encoder: Perceptron
     decoder: Perceptron
 
@@ -98,7 +98,9 @@ class FittedAutoencoder(Fitted):
             squares = self._squared_errors(x)
             return np.sqrt(squares.sum(axis=1))
 
-        return Uncertainty(in_blocks(error, seen(pairs, self.settings.window)), {})
+        return Uncertainty(
+            apply_in_blocks(error, autoencoder_inputs(pairs, self.settings.window)), {}
+        )
 
     def shares(self, pairs: Pairs) -> NDArray[np.float32]:
         """Return each state dimension's share of the squared error (n, d), of both steps together.
@@ -107,7 +109,7 @@ class FittedAutoencoder(Fitted):
         """
         self.refuse_other_widths(pairs)
         window = self.settings.window
-        squares = in_blocks(self._squared_errors, seen(pairs, window))
+        squares = apply_in_blocks(self._squared_errors, autoencoder_inputs(pairs, window))
         squares = squares.reshape(len(pairs), window, self.state_width).sum(axis=1)
         total = squares.sum(axis=1, keepdims=True)
         even = np.full_like(squares, 1 / self.state_width)
@@ -120,6 +122,6 @@ class FittedAutoencoder(Fitted):
         return np.square(standard, out=standard)
 
 
-def seen(pairs: Pairs, window: int) -> NDArray[np.float32]:
+def autoencoder_inputs(pairs: Pairs, window: int) -> NDArray[np.float32]:
     """Return what an autoencoder of `window` steps sees of each pair: (n, window · d)."""
     return pairs.states if window == 1 else windows(pairs.states, pairs.episode)

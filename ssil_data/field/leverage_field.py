@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.demonstrations import finite_matrix, finite_vector
 from ssil_data.errors import InvalidInputError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field.answers import Accuracy, LCoR
 from ssil_data.kernels import (
     Moments,
     References,
     Sampled,
     Sums,
-    checked_alpha,
+    check_alpha,
     cor,
     log_kernel,
 )
 
 ALPHA_RANGE = (1e-2, 1e4)
 """Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
-_ASKING = 256
+_DEVIATION_QUERIES = 256
 """States that are asked for the deviation of LCoR."""
 _SHIFT = 0.1
 """Part of its share of the store by which `auto_alpha` lets an answer miss, for an odd α."""
@@ -46,15 +46,15 @@ class LeverageField:
     states: NDArray[np.float32]
     leverage: NDArray[np.float32]
     labeled: NDArray[np.bool_]
-    standardiser: Standardiser
+    standardiser: Standardizer
     alpha: float
     device: str = "cpu"
     threads: int | None = None
-    _packing: RLock = field(default_factory=RLock, init=False, repr=False)
+    _lock: RLock = field(default_factory=RLock, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Validate lengths and alpha."""
-        object.__setattr__(self, "alpha", checked_alpha(self.alpha))
+        object.__setattr__(self, "alpha", check_alpha(self.alpha))
         object.__setattr__(self, "states", finite_matrix("states", self.states))
         object.__setattr__(self, "leverage", finite_vector("leverage", self.leverage))
         object.__setattr__(self, "labeled", np.asarray(self.labeled, bool))
@@ -83,7 +83,7 @@ class LeverageField:
     def at(self, alpha: float) -> LeverageField:
         """Return the field with another sharpness; what is packed by now is shared."""
         other = object.__new__(LeverageField)
-        other.__dict__.update(self.__dict__, alpha=checked_alpha(alpha))
+        other.__dict__.update(self.__dict__, alpha=check_alpha(alpha))
         other.__dict__.pop("_deviation", None)
         return other
 
@@ -118,7 +118,7 @@ class LeverageField:
                 "contributors: expected 0 with a tolerance or seconds, as only all states "
                 f"together can name them, found {contributors}"
             )
-        queries, sampled = self._standardised(states), self._sampled()
+        queries, sampled = self._standardize(states), self._sampled_references()
         how: dict[str, Any] = {"alpha": self.alpha, "seed": seed, "threads": self.threads}
         if accuracy.seconds is not None:
             found = sampled.in_time(queries, seconds=accuracy.seconds, **how)
@@ -136,7 +136,7 @@ class LeverageField:
         """
         if contributors < 0:
             raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
-        queries = self._standardised(states)
+        queries = self._standardize(states)
         return self._references().sums(
             queries, alpha=self.alpha, contributors=contributors, threads=self.threads
         )
@@ -147,33 +147,33 @@ class LeverageField:
         Expert states are the labeled ones, negative states all others, as MixGAIL takes them.
         """
         expert, negative = self._moments
-        return cor(self._standardised(states), expert, negative, self.alpha)
+        return cor(self._standardize(states), expert, negative, self.alpha)
 
     @cached_property
-    def _rows(self) -> _Standardised:
-        return _Standardised(self.states, self.standardiser)
+    def _rows(self) -> _StandardizedRows:
+        return _StandardizedRows(self.states, self.standardiser)
 
     @cached_property
-    def _packed(self) -> References:
+    def _references_cache(self) -> References:
         return References(self._rows, self.leverage, device=self.device)
 
     def _references(self) -> References:
-        with self._packing:
-            return self._packed
+        with self._lock:
+            return self._references_cache
 
     @cached_property
-    def _drawing(self) -> Sampled:
+    def _sampled_cache(self) -> Sampled:
         return Sampled(self._rows, self.leverage, self._references)
 
-    def _sampled(self) -> Sampled:
-        with self._packing:
-            return self._drawing
+    def _sampled_references(self) -> Sampled:
+        with self._lock:
+            return self._sampled_cache
 
     @cached_property
     def _deviation(self) -> float:
         """Return the standard deviation of LCoR over the demonstration states, from a sample."""
-        chosen = np.random.default_rng(0).integers(len(self.states), size=_ASKING)
-        found = self._sampled().deviation(self._rows[chosen], alpha=self.alpha)
+        chosen = np.random.default_rng(0).integers(len(self.states), size=_DEVIATION_QUERIES)
+        found = self._sampled_references().deviation(self._rows[chosen], alpha=self.alpha)
         return max(found, np.finfo(float).tiny)
 
     @cached_property
@@ -190,16 +190,16 @@ class LeverageField:
         )
         return expert, negative
 
-    def _standardised(self, states: ArrayLike) -> NDArray[np.float32]:
+    def _standardize(self, states: ArrayLike) -> NDArray[np.float32]:
         return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))
 
 
 @dataclass(frozen=True)
-class _Standardised:
+class _StandardizedRows:
     """States as the kernel sees them, converted as they are read."""
 
     states: NDArray[np.float32]
-    standardiser: Standardiser
+    standardiser: Standardizer
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
 """Foreign files as demonstrations; each format is one module that reads named columns."""
 
 from ssil_data.interop.columns import Columns, Layout
-from ssil_data.interop.episodes import Imported, imported
+from ssil_data.interop.episodes import Imported, import_episodes
 from ssil_data.interop.files import SUFFIXES, read_columns, read_states
 
 __all__ = [
@@ -9,7 +9,7 @@ __all__ = [
     "Columns",
     "Imported",
     "Layout",
-    "imported",
+    "import_episodes",
     "read_columns",
     "read_states",
 ]

@@ -24,7 +24,7 @@ def columns_of(path: Path, table: pa.Table, *, place: str, first: int) -> Column
     """Decode a table; an empty cell is refused, named by `place` ("row", "line") from `first`."""
     named = []
     for name, column in zip(table.column_names, table.columns, strict=True):
-        array = _decoded(column)
+        array = _decode(column)
         if not len(array):
             named.append((name, np.empty(0)))
             continue
@@ -40,7 +40,7 @@ def columns_of(path: Path, table: pa.Table, *, place: str, first: int) -> Column
     return Columns(path, named)
 
 
-def _decoded(column: pa.ChunkedArray) -> Any:
+def _decode(column: pa.ChunkedArray) -> Any:
     array: Any = column.combine_chunks()
     return array.dictionary_decode() if types.is_dictionary(array.type) else array
 

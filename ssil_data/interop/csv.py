@@ -11,7 +11,7 @@ from pyarrow import csv as arrow_csv
 from ssil_data.errors import InvalidInputError
 from ssil_data.interop.arrow import columns_of
 from ssil_data.interop.columns import Columns
-from ssil_data.interop.parsing import parsing
+from ssil_data.interop.parsing import refuse_unreadable
 
 
 def read(path: Path) -> Columns:
@@ -22,7 +22,7 @@ def read(path: Path) -> Columns:
         odd.append(row)
         return "skip" if len(odd) == 1 else "error"
 
-    with parsing(path, "CSV"):
+    with refuse_unreadable(path, "CSV"):
         _check_text(path)
         try:
             table = arrow_csv.read_csv(
@@ -40,7 +40,7 @@ def read(path: Path) -> Columns:
         if all(map(_is_number, table.column_names)):
             raise InvalidInputError(
                 f"{path}: expected a line of column names, "
-                f"found numbers {_shortened(table.column_names)}"
+                f"found numbers {_shorten(table.column_names)}"
             )
         if odd:
             raise InvalidInputError(_odd(path, odd[0]))
@@ -75,5 +75,5 @@ def _is_number(name: str) -> bool:
     return True
 
 
-def _shortened(names: Sequence[str]) -> str:
+def _shorten(names: Sequence[str]) -> str:
     return ", ".join(names[:4]) + (", …" if len(names) > 4 else "")

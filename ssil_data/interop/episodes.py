@@ -29,7 +29,7 @@ class Imported:
     action_names: Sequence[str]
 
 
-def imported(columns: Columns, layout: Layout) -> Imported:
+def import_episodes(columns: Columns, layout: Layout) -> Imported:
     """Cut the rows of a file into episodes.
 
     An episode is a run of adjacent rows with one value of the episode column; without such a
@@ -44,7 +44,7 @@ def imported(columns: Columns, layout: Layout) -> Imported:
                 f"{columns.path}: expected --{kind} COLUMN…, found none; "
                 f"the file has {columns.names}"
             )
-    columns.check_lengths(_used(columns, layout))
+    columns.check_lengths(_used_columns(columns, layout))
     states, state_names = columns.matrix(layout.state)
     actions, action_names = columns.matrix(layout.action)
     cuts = _Cuts(columns, layout.episode, len(states))
@@ -53,7 +53,7 @@ def imported(columns: Columns, layout: Layout) -> Imported:
         if name and getattr(named, role) is None and len(cuts.changes(columns.one_per_row(name))):
             layout = replace(layout, **{role: None})
     _check_steps(columns, layout.step, cuts)
-    labeled = _labeled(columns, layout.labeled, cuts)
+    labeled = _find_labeled(columns, layout.labeled, cuts)
     rewards = columns.number_per_row(layout.reward) if layout.reward else None
     positions = _positions(columns, layout.position)
     scores = tiers = None
@@ -70,14 +70,14 @@ def imported(columns: Columns, layout: Layout) -> Imported:
             rewards=None if rewards is None else rewards[rows],
             positions=None if positions is None else positions[rows],
             score=_score(number, rows, scores, rewards),
-            tier=None if tiers is None else _shown(tiers[number]) or None,
+            tier=None if tiers is None else _format(tiers[number]) or None,
         )
         for number, rows in enumerate(cuts.rows)
     ]
     return Imported(episodes, state_names, action_names)
 
 
-def _used(columns: Columns, layout: Layout) -> list[str]:
+def _used_columns(columns: Columns, layout: Layout) -> list[str]:
     single = (layout.episode, layout.step, layout.reward, layout.score, layout.tier)
     labeled = layout.labeled if _is_column(columns, layout.labeled) else ()
     chosen = (*layout.state, *layout.action, *layout.position, *single, *labeled)
@@ -102,7 +102,7 @@ class _Cuts:
         self.rows = [
             slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], count], strict=True)
         ]
-        self.values = [_shown(column[start]) for start in starts]
+        self.values = [_format(column[start]) for start in starts]
         seen: set[str] = set()
         for value, rows in zip(self.values, self.rows, strict=True):
             if value in seen:
@@ -136,7 +136,7 @@ class _Cuts:
         return column[self._starts]
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
     """Write a value as text; 3.0 is the integer 3."""
     if isinstance(value, (float, np.floating)) and float(value).is_integer():
         return str(int(value))
@@ -155,8 +155,8 @@ def _check_steps(columns: Columns, name: str | None, cuts: _Cuts) -> None:
         row = int(skips[0])
         before = int(steps[row - 1]) if steps.dtype.kind in "iu" else steps[row - 1]
         raise InvalidInputError(
-            f"{columns.path}: expected {name} {_shown(before + 1)} at row {row} of episode "
-            f"{cuts.episode_at(row)}, found {_shown(steps[row])}"
+            f"{columns.path}: expected {name} {_format(before + 1)} at row {row} of episode "
+            f"{cuts.episode_at(row)}, found {_format(steps[row])}"
         )
 
 
@@ -183,7 +183,7 @@ def _is_column(columns: Columns, chosen: Sequence[str]) -> bool:
     return len(chosen) == 1 and chosen[0] in columns.names
 
 
-def _labeled(columns: Columns, chosen: Sequence[str], cuts: _Cuts) -> NDArray[np.bool_]:
+def _find_labeled(columns: Columns, chosen: Sequence[str], cuts: _Cuts) -> NDArray[np.bool_]:
     """Tell which episodes are labeled, by a column of the file or by the episodes' values."""
     if _is_column(columns, chosen):
         values = columns.number_per_row(chosen[0], np.float64)
@@ -191,7 +191,7 @@ def _labeled(columns: Columns, chosen: Sequence[str], cuts: _Cuts) -> NDArray[np
         if len(other):
             raise InvalidInputError(
                 f"{columns.path}: expected true and false in {chosen[0]!r}, "
-                f"found {_shown(values[other[0]])} at row {other[0]}"
+                f"found {_format(values[other[0]])} at row {other[0]}"
             )
         return cuts.constant(chosen[0], values).astype(bool)
     tokens = [part for text in chosen for part in text.split(",") if part]
@@ -201,11 +201,11 @@ def _labeled(columns: Columns, chosen: Sequence[str], cuts: _Cuts) -> NDArray[np
         )
     labeled = np.zeros(len(cuts.values), bool)
     for token in tokens:
-        labeled |= _matching(columns, token, cuts.values)
+        labeled |= _match(columns, token, cuts.values)
     return labeled
 
 
-def _matching(columns: Columns, token: str, values: Sequence[str]) -> NDArray[np.bool_]:
+def _match(columns: Columns, token: str, values: Sequence[str]) -> NDArray[np.bool_]:
     if token == "all":
         return np.ones(len(values), bool)
     matching = np.array([value == token for value in values])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.interop.columns import Columns, Unreadable
-from ssil_data.interop.parsing import parsing
+from ssil_data.interop.parsing import refuse_unreadable
 
 
 def read(path: Path) -> Columns:
@@ -17,7 +17,7 @@ def read(path: Path) -> Columns:
 
     Arrays of Python objects and scalars are no columns; they are refused when they are asked for.
     """
-    with parsing(path, "NumPy"), path.open("rb") as file:
+    with refuse_unreadable(path, "NumPy"), path.open("rb") as file:
         loaded = np.load(file, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return Columns(path, [("states", _text_decoded(loaded))])

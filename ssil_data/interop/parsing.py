@@ -10,7 +10,7 @@ from ssil_data.errors import InvalidInputError, SsilDataError
 
 
 @contextmanager
-def parsing(path: Path, kind: str) -> Iterator[None]:
+def refuse_unreadable(path: Path, kind: str) -> Iterator[None]:
     """Turn any failure to read `path` as a file of this kind into InvalidInputError.
 
     Parsers of damaged files raise what their inner workings raise: zlib.error, MemoryError,

@@ -1,7 +1,7 @@
 """Kernel rewards: the formulas, and the engine that answers them for whole stores."""
 
 from ssil_data.kernels.estimates import Estimate
-from ssil_data.kernels.formulas import Moments, checked_alpha, cor, log_kernel
+from ssil_data.kernels.formulas import Moments, check_alpha, cor, log_kernel
 from ssil_data.kernels.references import References, lcor_sums
 from ssil_data.kernels.sampled import Sampled
 from ssil_data.kernels.sums import Sums
@@ -12,7 +12,7 @@ __all__ = [
     "References",
     "Sampled",
     "Sums",
-    "checked_alpha",
+    "check_alpha",
     "cor",
     "lcor_sums",
     "log_kernel",

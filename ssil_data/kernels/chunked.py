@@ -74,7 +74,7 @@ class Tensors:
             )
             for part in np.split(queries, range(_QUERIES * growth, len(queries), _QUERIES * growth))
         ]
-        return Sums.joined(columns)
+        return Sums.join(columns)
 
     def _block(
         self, queries: NDArray[np.float32], chosen: slice, alpha: float, contributors: int

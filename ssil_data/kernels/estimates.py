@@ -57,7 +57,7 @@ class Estimate:
         """Return room for `count` answers."""
         return cls(*np.empty((len(fields(cls)), count)))
 
-    def put(self, rows: NDArray[np.int64], answers: Estimate) -> None:
+    def write(self, rows: NDArray[np.int64], answers: Estimate) -> None:
         """Write the answers to the queries `rows`."""
         for field in fields(self):
             getattr(self, field.name)[rows] = getattr(answers, field.name)

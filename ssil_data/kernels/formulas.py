@@ -26,7 +26,7 @@ LEAST_ALPHA, MOST_ALPHA = 1e-6, 1e8
 """Between them log k(d) is finite and exact for every distance; beyond, k no longer changes."""
 
 
-def checked_alpha(alpha: float) -> float:
+def check_alpha(alpha: float) -> float:
     """Return an α of LEAST_ALPHA to MOST_ALPHA; raises InvalidInputError for anything else."""
     if not (np.isfinite(alpha) and alpha > 0):
         raise InvalidInputError(f"alpha: expected a finite number > 0, found {alpha}")

@@ -100,7 +100,7 @@ def _may_write_code() -> bool:
 
 
 @lru_cache(maxsize=64)  # about 1 MB each
-def compiled(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
+def compile_code(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
     """Compile once per process, while in use, what `tile.emit` describes."""
     with _COMPILING:
         llvm.initialize_native_target()

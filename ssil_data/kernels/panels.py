@@ -32,7 +32,7 @@ class Panels:
         """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each, in parts."""
         count, width = states.shape
         panels = -(-count // size)
-        values = _aligned((panels, width + 2, size))
+        values = _align((panels, width + 2, size))
         for begin in range(0, panels, _AT_ONCE):
             part = values[begin : begin + _AT_ONCE]
             rows = slice(begin * size, (begin + len(part)) * size)
@@ -66,7 +66,7 @@ class Panels:
         """Return the leverage (n,) that was packed."""
         return self.values[:, self.width + 1].reshape(-1)[: self.count]
 
-    def unpacked(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def unpack(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the states (n, d), less their centre, and the leverage (n,) that were packed."""
         rows = self.values.transpose(0, 2, 1).reshape(-1, self.width + 2)[: self.count]
         return np.ascontiguousarray(rows[:, : self.width]), self.leverage
@@ -86,7 +86,7 @@ class Panels:
         return row[order], distance[near[order]]
 
 
-def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+def _align(shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return an array that begins with a cache line, so that no vector lies in two of them."""
     count, line = math.prod(shape), 64
     memory = np.empty(count * 4 + line, np.uint8)

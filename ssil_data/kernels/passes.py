@@ -16,7 +16,7 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.kernels.native import Code, Target, compiled
+from ssil_data.kernels.native import Code, Target, compile_code
 from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
@@ -83,7 +83,7 @@ class Joinable(Protocol):
         ...
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def join(cls, parts: Sequence[Self]) -> Self:
         """Return the answers of some parts, one after the other."""
         ...
 
@@ -93,7 +93,7 @@ Asked = TypeVar("Asked")
 Found = TypeVar("Found")
 
 
-def spread(
+def run_parallel(
     answer: Callable[[Pass, NDArray[np.int64]], Answer],
     queries: NDArray[np.float32],
     panels: Panels,
@@ -124,12 +124,12 @@ def spread(
     few = all(len(cut) == 1 for cut in cuts.values())
     parts = []
     for direct, cut in cuts.items():
-        code = compiled(target, Power.of(alpha), products, direct=direct)
+        code = compile_code(target, Power.of(alpha), products, direct=direct)
         work = Pass(code, alpha, panels, threads if few else 1)
         parts += [(work, chosen) for chosen in cut]
     whole = _each(lambda part: answer(*part), parts, 1 if few else threads)
     order = np.concatenate([rows for _, rows in parts])
-    return type(whole[0]).joined(whole).take(np.argsort(order))
+    return type(whole[0]).join(whole).take(np.argsort(order))
 
 
 def _each(work: Callable[[Asked], Found], jobs: Iterable[Asked], threads: int) -> list[Found]:

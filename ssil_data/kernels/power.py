@@ -78,14 +78,14 @@ class Whole(Power):
                 return inverse
             return b.select(b.fcmp_ordered("<", t, largest), inverse, zero)
 
-        def corrected(u: Any) -> Any:
+        def correct(u: Any) -> Any:
             inverse = reciprocal(b.fadd(one, u))
             error = fmuladd(b, b.fneg(u), inverse, b.fsub(one, inverse))
-            return b.fmul(self._raised(b, inverse), fmuladd(b, error, exponent, one))
+            return b.fmul(self._raise_to_power(b, inverse), fmuladd(b, error, exponent, one))
 
-        return corrected if self.offset == 0 else lambda t: self._raised(b, reciprocal(t))
+        return correct if self.offset == 0 else lambda t: self._raise_to_power(b, reciprocal(t))
 
-    def _raised(self, b: ir.IRBuilder, base: Any) -> Any:
+    def _raise_to_power(self, b: ir.IRBuilder, base: Any) -> Any:
         """Square for every binary digit of p after the first, multiply where it is 1."""
         power = base
         for digit in f"{self.exponent:b}"[1:]:
@@ -107,12 +107,12 @@ class RootCubed(Power):
         """Write the cube of a reciprocal square root."""
         one = constant(exponent.type, 1.0)
 
-        def cubed(t: Any) -> Any:
+        def cube(t: Any) -> Any:
             root = intrinsic(b, "sqrt", t, fastmath=FAST)
             inverse = b.fdiv(one, root, flags=FAST)
             return b.fmul(b.fmul(inverse, inverse), inverse)
 
-        return cubed
+        return cube
 
 
 @dataclass(frozen=True)

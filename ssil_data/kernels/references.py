@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from ssil_data.kernels.exact import exact_sums
 from ssil_data.kernels.native import Target
 from ssil_data.kernels.panels import Panels
-from ssil_data.kernels.passes import Pass, spread
+from ssil_data.kernels.passes import Pass, run_parallel
 from ssil_data.kernels.products import Products
-from ssil_data.kernels.rows import Rows, centre
+from ssil_data.kernels.rows import Rows, center
 from ssil_data.kernels.sums import Sums
 
 HOST = Target.host()
@@ -35,7 +35,7 @@ class References:
         target: Target | None = HOST,
         device: str = "cpu",
     ) -> None:
-        self._centre = centre(states)
+        self._centre = center(states)
         self._mean = float(leverage.mean(dtype=np.float64))
         self._target = target if device == "cpu" else None
         centred = leverage - np.float32(self._mean)
@@ -71,15 +71,13 @@ class References:
             from ssil_data.kernels import chunked
 
             sums = chunked.lcor_sums(
-                centred, *self._panels.unpacked(), alpha=alpha, contributors=contributors
+                centred, *self._panels.unpack(), alpha=alpha, contributors=contributors
             )
         else:
-            sums = self._compiled(
-                centred, self._target, min(alpha, SHARPEST), contributors, threads
-            )
+            sums = self._compile(centred, self._target, min(alpha, SHARPEST), contributors, threads)
         return replace(sums, numerator=sums.numerator + self._mean * sums.denominator)
 
-    def _compiled(
+    def _compile(
         self,
         queries: NDArray[np.float32],
         target: Target,
@@ -90,7 +88,7 @@ class References:
         def answer(work: Pass, rows: NDArray[np.int64]) -> Sums:
             return exact_sums(work, queries[rows], contributors=contributors)
 
-        return spread(
+        return run_parallel(
             answer,
             queries,
             self._panels,

@@ -56,7 +56,7 @@ class SampleMoments:
         return SampleMoments(self.sample, self.products[:, rows])
 
     @classmethod
-    def joined(cls, parts: Sequence[SampleMoments]) -> SampleMoments:
+    def join(cls, parts: Sequence[SampleMoments]) -> SampleMoments:
         """Return the moments of the queries of some parts over one sample."""
         return cls(parts[0].sample, np.concatenate([part.products for part in parts], axis=1))
 
@@ -121,7 +121,7 @@ def estimate(
     balanced = moments.sample[2] >= _LEAST_SPREAD * population.variance * count > 0
     used = np.arange(4) if balanced else np.array([0, 2])
     beta = np.zeros((len(ones), 4, 2))
-    beta[:, used] = _solved(
+    beta[:, used] = _solve(
         gram[:, used[:, None], used], np.stack([of_kernel, of_both], axis=2)[:, used]
     )
     # u is measured from the mean distance: its total over all references is 0
@@ -159,7 +159,7 @@ def estimate(
     )
 
 
-def _solved(gram: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solve(gram: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve (m, f, f) x = (m, f, 2), scaled to a unit diagonal; dependent features share."""
     scale = np.sqrt(np.maximum(np.einsum("mff->mf", gram), np.finfo(float).tiny))
     unit = gram / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(gram.shape[1])

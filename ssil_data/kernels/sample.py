@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ssil_data.kernels.native import GENERIC, Target
 from ssil_data.kernels.panels import Panels
-from ssil_data.kernels.passes import Pass, spread
+from ssil_data.kernels.passes import Pass, run_parallel
 from ssil_data.kernels.products import Products
 from ssil_data.kernels.regression import SampleMoments
 from ssil_data.kernels.rows import Rows
@@ -87,13 +87,13 @@ class Sample:
         if self._target is None:
             from ssil_data.kernels import chunked  # torch takes a second to load
 
-            states = panels.unpacked()
+            states = panels.unpack()
             return SampleMoments(sample, chunked.moments(queries, *states, distance, alpha=alpha))
 
         def answer(work: Pass, rows: NDArray[np.int64]) -> SampleMoments:
             return SampleMoments(sample, work(queries[rows], distance[rows])[0])
 
-        return spread(
+        return run_parallel(
             answer,
             queries,
             panels,
@@ -114,11 +114,11 @@ class Sample:
                 first = starts[-1]
                 size = min(max(FIRST, first), self.largest - first)
                 if len(self._parts) < len(starts):
-                    self._parts.append(self._packed(self._order[first : first + size]))
+                    self._parts.append(self._pack(self._order[first : first + size]))
                 starts.append(first + size)
             return list(zip(starts, self._parts, strict=False))
 
-    def _packed(self, chosen: NDArray[np.integer]) -> Panels:
+    def _pack(self, chosen: NDArray[np.integer]) -> Panels:
         """Read in ascending order, so that mapped files are read forwards; pack in random order."""
         forwards = np.argsort(chosen)
         states = np.empty((len(chosen), self._states.shape[1]), np.float32)

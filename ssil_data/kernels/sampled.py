@@ -15,7 +15,7 @@ from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.native import Target
 from ssil_data.kernels.references import FLATTEST, HOST, References
 from ssil_data.kernels.regression import Population, SampleMoments, estimate
-from ssil_data.kernels.rows import Rows, centre
+from ssil_data.kernels.rows import Rows, center
 from ssil_data.kernels.sample import FIRST, Sample
 from ssil_data.kernels.totals import Totals
 
@@ -42,9 +42,9 @@ class Sampled:
         target: Target | None = HOST,
     ) -> None:
         self._states, self._leverage, self._exact = states, leverage, exact
-        self._centre, self._population = centre(states), Population.of(leverage)
+        self._centre, self._population = center(states), Population.of(leverage)
         self._target, self._lock = target, Lock()
-        self._samples = lru_cache(maxsize=1)(self._drawn)
+        self._samples = lru_cache(maxsize=1)(self._draw)
 
     @cached_property
     def _totals(self) -> Totals:
@@ -71,20 +71,20 @@ class Sampled:
         """
         if self._is_short(queries, alpha):
             return self._exactly(queries, alpha, threads)
-        asked = self._asked(queries, alpha, seed, threads)
+        asked = self._estimate_queries(queries, alpha, seed, threads)
         found, left = Estimate.blank(len(queries)), np.arange(len(queries))
         exactly, size = [], asked.sample.whole(FIRST)
         while len(left):
             answer = asked.upto(size, left)
             need = answer.size_for(tolerance, size, self._population.count)
             done, hopeless = need <= size, ~(need <= asked.sample.largest)
-            found.put(left[done], answer.take(done))
+            found.write(left[done], answer.take(done))
             exactly.append(left[hopeless & ~done])
             left = left[~done & ~hopeless]
             size = asked.sample.whole(size * _GROWTH)
         rows = np.concatenate(exactly)
         if len(rows):
-            found.put(rows, self._exactly(queries[rows], alpha, threads))
+            found.write(rows, self._exactly(queries[rows], alpha, threads))
         return found
 
     def in_time(
@@ -105,7 +105,7 @@ class Sampled:
         left = np.arange(len(queries))
         if self._is_short(queries, alpha):
             return self._exactly(queries, alpha, threads)
-        asked = self._asked(queries, alpha, seed, threads)
+        asked = self._estimate_queries(queries, alpha, seed, threads)
         begin = time.perf_counter()
         size = asked.sample.whole(FIRST)
         answer = asked.upto(size, left)
@@ -135,7 +135,7 @@ class Sampled:
         threads: int | None = None,
     ) -> Estimate:
         """Answer queries (m, d) from a sample of about `size` states, whatever that gives."""
-        asked = self._asked(queries, alpha, seed, threads)
+        asked = self._estimate_queries(queries, alpha, seed, threads)
         return asked.upto(asked.sample.whole(size), np.arange(len(queries)))
 
     def deviation(self, queries: NDArray[np.float32], *, alpha: float) -> float:
@@ -151,13 +151,13 @@ class Sampled:
     def _is_short(self, queries: NDArray[np.float32], alpha: float) -> bool:
         return not len(queries) or self._population.count < SMALLEST or alpha < FLATTEST
 
-    def _drawn(self, seed: int) -> Sample:
+    def _draw(self, seed: int) -> Sample:
         mean = self._population.mean
         return Sample(
             self._states, self._leverage, self._centre, mean, seed=seed, target=self._target
         )
 
-    def _asked(
+    def _estimate_queries(
         self, queries: NDArray[np.float32], alpha: float, seed: int, threads: int | None
     ) -> _Asked:
         totals = self.prepare()

@@ -42,7 +42,7 @@ class Sums:
         return cls(*np.empty((4, 0)), nearest=nearest.astype(np.int64), nearest_weight=nearest)
 
     @classmethod
-    def joined(cls, parts: Sequence[Sums]) -> Sums:
+    def join(cls, parts: Sequence[Sums]) -> Sums:
         """Return the sums of all queries of some parts, at least one, one part after the other."""
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -112,7 +112,7 @@ class _Sums:
                 reference = self.row_of(self.panels, place, self.tile.references)
                 brackets = self.brackets(query, reference)
                 self.store_minima(brackets, first_query, place)
-                return self.weighed(query, reference, brackets, totals)
+                return self.add_weighted(query, reference, brackets, totals)
 
             zeros = [self.vectors.zero] * (self.products.count * self.tile.queries)
             place = self.b.add(self.b.mul(block, self.tile_count), index)
@@ -144,7 +144,9 @@ class _Sums:
             return intrinsic(self.b, "fabs", self.b.fsub(q, x))
         return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
 
-    def weighed(self, query: Any, reference: Any, brackets: Sequence, totals: Sequence) -> Sequence:
+    def add_weighted(
+        self, query: Any, reference: Any, brackets: Sequence, totals: Sequence
+    ) -> Sequence:
         """Add a panel's products to the totals of all queries."""
         factor_row, offset_row = self.width, self.b.add(self.width, INDEX(1))
         leverage = self.vectors.row(reference, offset_row, self.tile.vectors)

@@ -15,9 +15,9 @@ from ssil_data.report.bins import Rows, Strips
 from ssil_data.report.look import (
     WIDTH,
     Spec,
+    build_spec,
     choice,
-    finished,
-    leverage_colour,
+    leverage_color,
     run_title,
     title,
 )
@@ -42,7 +42,7 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
                 ),
                 axis=alt.Axis(values=[0, 10, 50, 100]),
             ),
-            color=leverage_colour("middle:Q", legend=False),
+            color=leverage_color("middle:Q", legend=False),
             tooltip=[
                 alt.Tooltip("run:N", title="Run"),
                 alt.Tooltip("group:N", title="Group"),
@@ -65,7 +65,7 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
         for part in parts
     ]
     chart = alt.vconcat(*grids, title=title("Leverage by group and run"))
-    return finished(chart, {"histograms": rows})
+    return build_spec(chart, {"histograms": rows})
 
 
 def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
@@ -92,7 +92,7 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
             x2="end:Q",
             y=alt.Y("y:Q", title="Group (episodes)", axis=_heading(), scale=y),
             y2="y2:Q",
-            color=leverage_colour("leverage:Q"),
+            color=leverage_color("leverage:Q"),
             tooltip=[
                 alt.Tooltip("episode:Q", title="Episode"),
                 alt.Tooltip("group:N", title="Group"),
@@ -111,7 +111,7 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
         width=width, height=strips.height, title=run_title("Leverage over time")
     )
     data = {"strips": strips.rows, "labels": strips.labels}
-    return finished(chart.add_params(*choice(names, shown)), data)
+    return build_spec(chart.add_params(*choice(names, shown)), data)
 
 
 def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
@@ -135,7 +135,7 @@ def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
     chart = alt.layer(cells, text).properties(
         width=alt.Step(58), height=alt.Step(36), title=title("Agreement between runs")
     )
-    return finished(chart, {"agreement": rows})
+    return build_spec(chart, {"agreement": rows})
 
 
 def _heading() -> alt.Axis:

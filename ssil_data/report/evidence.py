@@ -31,7 +31,7 @@ class Scored:
     @property
     def name(self) -> str:
         """The run's name."""
-        return self.run.run
+        return self.run.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Evidence:
         runs = []
         for number, record in enumerate(records):
             progress("read", number, len(records))
-            runs.append(_scored(dataset, f"r{number}", record))
+            runs.append(_read_scored(dataset, f"r{number}", record))
         progress("read", len(records), len(records))
         groups, group = _groups(dataset.episodes, list(runs[0].quality.mean_leverage_by_tier))
         return cls(
@@ -91,8 +91,8 @@ class Evidence:
         return {run.key: run.leverage for run in self.runs}
 
 
-def _scored(dataset: Dataset, key: str, record: Run) -> Scored:
-    values = dataset.runs.values(record.run)
+def _read_scored(dataset: Dataset, key: str, record: Run) -> Scored:
+    values = dataset.runs.values(record.name)
     leverage = values["leverage"].to_numpy()
     return Scored(
         key=key,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.reasons import Reason, Reasons
-from ssil_data.report.segments import Windows, correlations, standing, windows
+from ssil_data.report.segments import Windows, correlations, rank_among, windows
 from ssil_data.scoring import LeverageModel, Progress
 
 SHOWN = 20
@@ -86,7 +86,7 @@ def disputes(evidence: Evidence) -> tuple[NDArray[np.float64], list[Dispute]]:
     """
     every = windows(evidence.lengths, ~evidence.labeled)
     unlabeled = ~evidence.per_pair(evidence.labeled)
-    standings = np.stack([standing(run.leverage, unlabeled) for run in evidence.runs])
+    standings = np.stack([rank_among(run.leverage, unlabeled) for run in evidence.runs])
     means = np.stack([every.means(values) for values in standings])
     least = means.min(axis=0)
     found = every.least(least - means.max(axis=0), least, count=SHOWN, per_episode=PER_EPISODE)

@@ -16,7 +16,7 @@ WIDTH = 1120
 """Pixels that a chart may take beside its axis."""
 
 
-def leverage_colour(field: str, *, legend: bool = True) -> alt.Color:
+def leverage_color(field: str, *, legend: bool = True) -> alt.Color:
     """Colour a field of leverage in [0, 1]; the darkest end is left out, for dark pages."""
     scale = alt.Scale(domain=[0, 1], scheme=alt.SchemeParams("viridis", extent=[0.15, 1]))
     if not legend:
@@ -47,6 +47,6 @@ def choice(names: Mapping[str, str], shown: str) -> list[alt.Parameter]:
     return [alt.param(name="run", value=shown), alt.param(name="names", value=dict(names))]
 
 
-def finished(chart: Any, data: Mapping[str, Rows]) -> Spec:
+def build_spec(chart: Any, data: Mapping[str, Rows]) -> Spec:
     """Return the spec of a chart with its data, which were not checked row by row."""
     return {**chart.to_dict(), "datasets": dict(data)}

@@ -11,7 +11,7 @@ from ssil_data.report import bins, charts
 from ssil_data.report.evidence import Evidence, Scored
 from ssil_data.report.findings import PER_EPISODE, disputes, least_trusted
 from ssil_data.report.look import Spec
-from ssil_data.report.rendering import rendered
+from ssil_data.report.rendering import render
 from ssil_data.report.segments import STEPS
 from ssil_data.report.track import track
 from ssil_data.scoring import Progress
@@ -33,7 +33,7 @@ def page(evidence: Evidence, progress: Progress) -> str:
     if len(evidence.runs) > 1 and not evidence.labeled.all():
         matrix, context["disputes"] = disputes(evidence)
         context["agreement"] = _agreement(evidence, matrix)
-    return rendered(context)
+    return render(context)
 
 
 def _head(evidence: Evidence) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _head(evidence: Evidence) -> dict[str, Any]:
 def _table(evidence: Evidence) -> list[dict[str, Any]]:
     """Return each run's mean leverage by group, and its figures of quality, best ones marked."""
     names = ("auroc", "auroc_length_matched", "spearman", "spearman_given_length")
-    figures = [[_rounded(getattr(run.quality, name)) for name in names] for run in evidence.runs]
+    figures = [[_round(getattr(run.quality, name)) for name in names] for run in evidence.runs]
     best = [
         max((value for value in column if value is not None), default=None)
         for column in zip(*figures, strict=True)
@@ -85,7 +85,7 @@ def _table(evidence: Evidence) -> list[dict[str, Any]]:
     ]
 
 
-def _rounded(figure: float | None) -> float | None:
+def _round(figure: float | None) -> float | None:
     """Round as it is shown, so that what looks equal is equally good."""
     return None if figure is None else round(figure, 3)
 
@@ -147,7 +147,7 @@ def _timelines(evidence: Evidence) -> dict[str, Any]:
 
 
 def _map(evidence: Evidence) -> dict[str, Any] | None:
-    positions = evidence.dataset.recorded("position")
+    positions = evidence.dataset.read_recorded("position")
     if positions is None:
         return None
     group = evidence.per_pair(evidence.group)

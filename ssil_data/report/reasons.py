@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.demonstrations import Pairs, joined
+from ssil_data.demonstrations import Pairs, join_pairs
 from ssil_data.report.evidence import Scored
 from ssil_data.scoring import LeverageModel
 from ssil_data.store.dataset import Dataset
@@ -48,7 +48,7 @@ class Reasons:
     def __init__(self, dataset: Dataset, episodes: Sequence[int]) -> None:
         """Read the episodes in one pass."""
         self._names = dataset.state_names
-        self._pairs = _read(dataset, episodes)
+        self._pairs = _read_pairs(dataset, episodes)
         self._usual = _usual(dataset)
 
     def __call__(
@@ -87,12 +87,12 @@ class Reasons:
         return Dimension(self._names[index], share, float(state[index]), usual)
 
 
-def _read(dataset: Dataset, episodes: Sequence[int]) -> dict[int, Pairs]:
+def _read_pairs(dataset: Dataset, episodes: Sequence[int]) -> dict[int, Pairs]:
     parts: dict[int, list[Pairs]] = {episode: [] for episode in episodes}
     for batch in dataset.batches():
         for episode in np.intersect1d(batch.episode, episodes).tolist():
             parts[episode].append(batch.where(batch.episode == episode))
-    return {episode: joined(found) for episode, found in parts.items()}
+    return {episode: join_pairs(found) for episode, found in parts.items()}
 
 
 def _usual(dataset: Dataset) -> NDArray[np.float64] | None:

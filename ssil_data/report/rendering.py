@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 MINUS = "\N{MINUS SIGN}"
 
 
-def rendered(
+def render(
     context: Mapping[str, Any],
     *,
     folder: Path = HERE,

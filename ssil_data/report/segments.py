@@ -76,7 +76,7 @@ def windows(
     return Windows(episode, start, start + width[episode])
 
 
-def standing(values: NDArray[np.floating], among: NDArray[np.bool_]) -> NDArray[np.float64]:
+def rank_among(values: NDArray[np.floating], among: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the share of the pairs `among` (n,) whose value is smaller, ties half, for all (n,).
 
     Standings of runs with different scales can be compared, and their correlation is Spearman's.

@@ -8,7 +8,7 @@ from typing import Any
 import altair as alt
 
 from ssil_data.report.bins import Grid
-from ssil_data.report.look import WIDTH, Spec, choice, finished, leverage_colour, run_title
+from ssil_data.report.look import WIDTH, Spec, build_spec, choice, leverage_color, run_title
 
 SIDE = 4
 """Pixels of a cell's side."""
@@ -24,7 +24,7 @@ def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: st
             .transform_calculate(leverage="datum[run] / 100")
             .mark_square(size=(SIDE + 0.6) ** 2, opacity=1)
             .encode(
-                color=leverage_colour("leverage:Q"),
+                color=leverage_color("leverage:Q"),
                 tooltip=[
                     alt.Tooltip("x:Q", title="x, m", format=".1f"),
                     alt.Tooltip("y:Q", title="y, m", format=".1f"),
@@ -39,7 +39,7 @@ def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: st
     chart = alt.concat(*panels, columns=columns, title=run_title("Leverage on the map"))
     data = {"visited": grid.visited}
     data |= {f"group{number}": [row] for number, row in enumerate(grid.groups)}
-    return finished(chart.add_params(*choice(names, shown)), data)
+    return build_spec(chart.add_params(*choice(names, shown)), data)
 
 
 def _squares(data: str, grid: Grid, *fields: str) -> alt.Chart:

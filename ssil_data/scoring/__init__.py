@@ -6,10 +6,10 @@ from ssil_data.scoring.scoring import (
     Progress,
     Recipe,
     Scored,
-    held_out_split,
     preset,
     rescore,
     score,
+    split_held_out,
 )
 
 __all__ = [
@@ -18,8 +18,8 @@ __all__ = [
     "Progress",
     "Recipe",
     "Scored",
-    "held_out_split",
     "preset",
     "rescore",
     "score",
+    "split_held_out",
 ]

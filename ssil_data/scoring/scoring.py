@@ -17,7 +17,7 @@ from ssil_data import scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import ESTIMATORS, MDN, Estimator, Fitted, dump, from_json, load, to_json
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
 from ssil_data.scales import Conformal, FittedScale, MinMax, Quantile, Scale
 from ssil_data.scoring.streaming import Streamed, stream
@@ -125,10 +125,10 @@ def score(
     scale = Quantile() if scale is None else scale
     if run is not None:
         dataset.runs.check_unused(run)
-    report = progress or _silent
+    report = progress or _no_progress
     labeled, held_out = dataset.labeled(), None
     if isinstance(scale, Conformal):
-        labeled, held_out = held_out_split(labeled, share=scale.held_out, seed=seed)
+        labeled, held_out = split_held_out(labeled, share=scale.held_out, seed=seed)
     report("fit", 0, 1)
     fitted = estimator.fit(labeled, seed=seed)
     report("fit", 1, 1)
@@ -157,11 +157,11 @@ def rescore(
         dataset.runs.check_unused(run)
     estimator, scale = from_json(record.estimator), scales.settings_from_json(record.scale)
     recipe = Recipe(estimator, scale, record.labeled_is_one)
-    job = _Job(dataset, recipe, model.estimator, run, record.seed, begin, progress or _silent)
+    job = _Job(dataset, recipe, model.estimator, run, record.seed, begin, progress or _no_progress)
     return job.commit(lambda uncertainty: model.scale)
 
 
-def held_out_split(labeled: Pairs, *, share: float, seed: int) -> tuple[Pairs, Pairs]:
+def split_held_out(labeled: Pairs, *, share: float, seed: int) -> tuple[Pairs, Pairs]:
     """Split labeled pairs into those to fit on and about `share` of them to calibrate on.
 
     Whole episodes are held out, chosen by the seed; of a single episode, its end. Neighbouring
@@ -187,7 +187,7 @@ class _Job:
     fitted: Fitted
     name: str | None
     seed: int
-    begin: float
+    started_at: float
     report: Progress
 
     def commit(self, fit_scale: Callable[[NDArray[np.float32]], FittedScale]) -> Run:
@@ -215,12 +215,12 @@ class _Job:
             record = replace(record, run=self._free_name())
 
     def _free_name(self) -> str:
-        return self.name or self.dataset.runs.unused(self.recipe.estimator.kind)
+        return self.name or self.dataset.runs.free_name(self.recipe.estimator.kind)
 
     def _record(self, streamed: Streamed, scale: FittedScale, model: str) -> Run:
-        standardiser = Standardiser.of_moments(streamed.mean, streamed.variance)
+        standardiser = Standardizer.of_moments(streamed.mean, streamed.variance)
         return Run(
-            run=self._free_name(),
+            name=self._free_name(),
             dataset=self.dataset.name,
             dataset_version=self.dataset.version,
             estimator=to_json(self.recipe.estimator),
@@ -235,7 +235,7 @@ class _Job:
             shift=standardiser.shift.tolist(),
             spread=standardiser.scale.tolist(),
             created=datetime.now(UTC).isoformat(),
-            seconds=round(time.perf_counter() - self.begin, 3),
+            seconds=round(time.perf_counter() - self.started_at, 3),
             ssil_data=version("ssil-data"),
             model=model,
         )
@@ -266,5 +266,5 @@ def _preset_of(recipe: Recipe) -> str | None:
     return next((name for name in PRESETS if preset(name, kind) == recipe), None)
 
 
-def _silent(what: str, done: int, of: int) -> None:
+def _no_progress(what: str, done: int, of: int) -> None:
     """Report to nobody."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.demonstrations import Pairs, joined
+from ssil_data.demonstrations import Pairs, join_pairs
 from ssil_data.errors import DamagedError
 from ssil_data.estimators import Fitted
 
@@ -40,7 +40,7 @@ def stream(
     moments, sample, done = _Moments(), [], 0
     rows = slice(0, 0)
     stride = max(1, count // SAMPLE)
-    for batch, inner in with_margins(batches, fitted.margin):
+    for batch, inner in add_margins(batches, fitted.margin):
         answer = fitted.uncertainty(batch)
         states = batch.states[inner]
         rows = slice(done, done + len(states))
@@ -58,7 +58,7 @@ def stream(
     return Streamed(uncertainty, parts, moments.mean, moments.variance, np.concatenate(sample))
 
 
-def with_margins(batches: Iterable[Pairs], margin: int) -> Iterator[tuple[Pairs, slice]]:
+def add_margins(batches: Iterable[Pairs], margin: int) -> Iterator[tuple[Pairs, slice]]:
     """Give each batch `margin` rows of its neighbours, and say where its own rows lie.
 
     An estimator that looks at neighbouring rows answers as if the stream were one array.
@@ -81,7 +81,7 @@ def _with_margin(
     head = [] if before is None else [before[max(0, len(before) - margin) :]]
     tail = [] if after is None else [after[:margin]]
     first = sum(map(len, head))
-    return joined([*head, current, *tail]), slice(first, first + len(current))
+    return join_pairs([*head, current, *tail]), slice(first, first + len(current))
 
 
 class _Moments:

@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from ssil_data.demonstrations import Episode, Pairs, joined
+from ssil_data.demonstrations import Episode, Pairs, join_pairs
 from ssil_data.errors import InvalidInputError, NotFoundError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
 from ssil_data.store.arrow_schema import (
     EPISODES,
@@ -25,7 +25,7 @@ from ssil_data.store.arrow_schema import (
     pairs_of,
     rows_of,
 )
-from ssil_data.store.delta_table import BATCH_ROWS, DataFile, Table
+from ssil_data.store.delta_table import BATCH_ROWS, DataFile, VersionedTable
 from ssil_data.store.folder import Folder
 from ssil_data.store.runs import Runs
 
@@ -43,8 +43,8 @@ class Dataset:
         """Open the newest version, or the one that a commit of the episodes table made."""
         self.folder = folder
         self.name = folder.uri.rsplit("/", 1)[-1]
-        self._episodes = Table(folder / "episodes", version)
-        self._pairs = Table(folder / "pairs")
+        self._episodes = VersionedTable(folder / "episodes", version)
+        self._pairs = VersionedTable(folder / "pairs")
 
     def __repr__(self) -> str:
         """Show name and version."""
@@ -123,7 +123,7 @@ class Dataset:
         Raises InvalidInputError for other widths or no episode, ConflictError if another writer
         added episodes meanwhile; the dataset is then unchanged.
         """
-        pairs, table = Table(self._pairs.folder), Table(self._episodes.folder)
+        pairs, table = VersionedTable(self._pairs.folder), VersionedTable(self._episodes.folder)
         first = max((file.last for file in pairs.files()), default=-1) + 1
         rows: list[dict[str, Any]] = []
 
@@ -153,7 +153,7 @@ class Dataset:
 
     def pairs(self) -> Pairs:
         """Read all pairs into memory."""
-        return joined(list(self.batches()))
+        return join_pairs(list(self.batches()))
 
     def episode(self, number: int) -> Pairs:
         """Read the pairs of one episode; raises NotFoundError."""
@@ -161,7 +161,7 @@ class Dataset:
             raise NotFoundError(
                 f"episode of {self.name}: expected 0 to {len(self.episodes) - 1}, found {number}"
             )
-        return self._chosen(np.array([number]))
+        return self._read_episodes(np.array([number]))
 
     def labeled(self) -> Pairs:
         """Read the labeled pairs; raises InvalidInputError if there are none."""
@@ -171,15 +171,15 @@ class Dataset:
                 f"labeled episodes of {self.name}: expected at least one, found none among "
                 f"{len(self.episodes)}"
             )
-        return self._chosen(chosen)
+        return self._read_episodes(chosen)
 
-    def _chosen(self, episodes: NDArray[np.int64]) -> Pairs:
+    def _read_episodes(self, episodes: NDArray[np.int64]) -> Pairs:
         files = [
             file
             for file in self._files
             if np.any((episodes >= file.first) & (episodes <= file.last))
         ]
-        return joined(
+        return join_pairs(
             [batch.where(np.isin(batch.episode, episodes)) for batch in self._read(files)]
         )
 
@@ -188,7 +188,7 @@ class Dataset:
         values = self.episodes[column].to_numpy()
         return np.repeat(values, self.episodes["length"].to_numpy())
 
-    def recorded(self, column: str) -> NDArray[np.float32] | None:
+    def read_recorded(self, column: str) -> NDArray[np.float32] | None:
         """Read `reward` (n,) or `position` (n, 2) of every pair; None where any has none.
 
         For evaluation and maps only: no estimator or trainer reads them.
@@ -226,7 +226,7 @@ class Dataset:
             states=self.pairs().states,
             leverage=self.leverage(run),
             labeled=self.per_pair("labeled").astype(bool),
-            standardiser=Standardiser(
+            standardiser=Standardizer(
                 np.asarray(record.shift, np.float32), np.asarray(record.spread, np.float32)
             ),
             alpha=record.alpha if alpha is None else alpha,
@@ -234,6 +234,6 @@ class Dataset:
             threads=threads,
         )
 
-    def damaged(self) -> list[str]:
+    def find_damage(self) -> list[str]:
         """Read every file of the dataset and say which are not as they were written."""
-        return [*self._pairs.damaged(), *self._episodes.damaged(), *self.runs.damaged()]
+        return [*self._pairs.find_damage(), *self._episodes.find_damage(), *self.runs.find_damage()]

@@ -51,13 +51,13 @@ class DataFile:
         return Path(self.path).stem.removeprefix("part-")
 
 
-class Table:
+class VersionedTable:
     """A table whose rows are ordered by episode and step; a snapshot, taken when it was opened."""
 
     def __init__(self, folder: Folder, version: int | None = None) -> None:
         """Open the newest version, or the given one; raises NotFoundError."""
         self.folder = folder
-        _set_torn_entry_aside(folder)
+        _move_torn_entry(folder)
         try:
             self.delta = DeltaTable(folder.delta_uri, version=version)
         except TableNotFoundError:
@@ -67,7 +67,9 @@ class Table:
         self.schema = pa.schema(self.delta.schema().to_arrow())
 
     @classmethod
-    def create(cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()) -> Table:
+    def create(
+        cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()
+    ) -> VersionedTable:
         """Create an empty table, whose log does not tell where on the machine it was created."""
         folder.make()
         DeltaTable.create(folder.delta_uri, Schema.from_arrow(schema), partition_by=list(partition))
@@ -103,7 +105,7 @@ class Table:
             )
         return sorted(files, key=lambda file: (file.first, file.last, file.first_step))
 
-    def claimed(self, claim: str) -> int | None:
+    def find_claim(self, claim: str) -> int | None:
         """Return the number under which a commit claimed a name, or None."""
         return self.delta.transaction_version(claim)
 
@@ -120,7 +122,7 @@ class Table:
         """
         partition = dict(partition or {})
         actions: list[AddAction | RemoveAction] = [
-            self._write(chunk, partition) for chunk in _gathered(chunks)
+            self._write(chunk, partition) for chunk in _combine_chunks(chunks)
         ]
         try:
             self.delta.create_write_transaction(
@@ -157,7 +159,7 @@ class Table:
             except NotFoundError as error:
                 raise DamagedError(str(error)) from None
 
-    def damaged(self) -> list[str]:
+    def find_damage(self) -> list[str]:
         """Read every file and name those that are not what their name and the log say."""
         return [f"{self.folder.uri}/{f.path}: {d}" for f in self.files() if (d := self._damage(f))]
 
@@ -217,7 +219,7 @@ def _statistics(rows: pa.Table) -> str:
     )
 
 
-def _gathered(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
+def _combine_chunks(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
     """Join small chunks into tables of about FILE_BYTES."""
     gathered: list[pa.Table] = []
     size = 0
@@ -239,7 +241,7 @@ def _forget_location(log: Folder) -> None:
     log.write(name, "\n".join(map(json.dumps, entries)).encode())
 
 
-def _set_torn_entry_aside(folder: Folder) -> None:
+def _move_torn_entry(folder: Folder) -> None:
     """Rename the newest log entry if it is empty or cut off: it was never acknowledged.
 
     Judged and renamed under a lock, so that nobody renames the whole entry that took its place.

@@ -17,7 +17,7 @@ from ssil_data.errors import InvalidInputError, NotFoundError
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
-def checked_name(kind: str, name: str) -> str:
+def check_name(kind: str, name: str) -> str:
     """Return `name` if it can be a folder of the store and nothing above it.
 
     Raises InvalidInputError otherwise.

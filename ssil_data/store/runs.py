@@ -17,8 +17,8 @@ import pyarrow as pa
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
 from ssil_data.store.arrow_schema import LEVERAGE, VALUES
-from ssil_data.store.delta_table import DataFile, Table
-from ssil_data.store.folder import Folder, checked_name
+from ssil_data.store.delta_table import DataFile, VersionedTable
+from ssil_data.store.folder import Folder, check_name
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Run:
     kernel's sharpness chosen for them; `model` is the digest of the fitted estimator's bytes.
     """
 
-    run: str
+    name: str
     dataset: str
     dataset_version: str
     estimator: Mapping[str, Any]
@@ -49,6 +49,17 @@ class Run:
     ssil_data: str
     model: str
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the record as it is stored and served: its name under the key `run`."""
+        values = asdict(self)
+        return {"run": values.pop("name"), **values}
+
+    @classmethod
+    def from_json(cls, json: Mapping[str, Any]) -> Run:
+        """Read a record from `to_json`'s object."""
+        values = dict(json)
+        return cls(name=values.pop("run"), **values)
+
 
 class Runs:
     """The runs of one dataset, by name, as one version of it sees them."""
@@ -59,8 +70,8 @@ class Runs:
         self._version = version
         self._dataset = dataset.uri.rsplit("/", 1)[-1]
 
-    def _table(self) -> Table:
-        return Table(self._folder / "leverage")
+    def _table(self) -> VersionedTable:
+        return VersionedTable(self._folder / "leverage")
 
     def all(self) -> list[Run]:
         """List the runs of every version of the dataset, oldest first."""
@@ -89,7 +100,7 @@ class Runs:
     def of_any_version(self, name: str) -> Run:
         """Open a run whose model is to be used, not its values; raises NotFoundError."""
         table = self._table()
-        if table.claimed(_claim(checked_name("run", name))) is None:
+        if table.find_claim(_claim(check_name("run", name))) is None:
             have = ", ".join(self.names()) or "none"
             raise NotFoundError(f"run of {self._dataset}: expected one of [{have}], found {name!r}")
         return self._record(table, name)
@@ -104,23 +115,23 @@ class Runs:
     def model(self, run: Run) -> bytes:
         """Read a run's fitted estimator, safetensors; raises DamagedError."""
         name = f"estimator-{run.model}.safetensors"
-        return _checked(self._models(run.run), name, run.model)
+        return _check_record(self._models(run.name), name, run.model)
 
-    def unused(self, name: str) -> str:
+    def free_name(self, name: str) -> str:
         """Return `name`, or the first of `name-2`, `name-3`, … that no run has."""
         table = self._table()
-        count, candidate = 1, checked_name("run", name)
-        while table.claimed(_claim(candidate)) is not None:
+        count, candidate = 1, check_name("run", name)
+        while table.find_claim(_claim(candidate)) is not None:
             count += 1
             candidate = f"{name}-{count}"
         return candidate
 
     def check_unused(self, name: str) -> None:
         """Raise ConflictError if a run of that name exists."""
-        if self.unused(name) != name:
-            raise self._taken(name)
+        if self.free_name(name) != name:
+            raise self._name_taken(name)
 
-    def _taken(self, name: str) -> ConflictError:
+    def _name_taken(self, name: str) -> ConflictError:
         return ConflictError(f"run of {self._dataset}: expected an unused name, found {name!r}")
 
     def commit(self, run: Run, model: bytes, values: Iterable[pa.Table]) -> None:
@@ -130,20 +141,20 @@ class Runs:
         Raises ConflictError if the name is taken, or taken by another writer meanwhile.
         """
         table = self._table()
-        if table.claimed(_claim(checked_name("run", run.run))) is not None:
-            raise self._taken(run.run)
-        settings = json.dumps(asdict(run), indent=1, sort_keys=True).encode()
+        if table.find_claim(_claim(check_name("run", run.name))) is not None:
+            raise self._name_taken(run.name)
+        settings = json.dumps(run.to_json(), indent=1, sort_keys=True).encode()
         identity = digest(settings)
-        models = self._models(run.run)
+        models = self._models(run.name)
         models.write(f"estimator-{run.model}.safetensors", model)
         models.write(f"settings-{identity}.json", settings)
-        claim = (_claim(run.run), int(identity, 16))
-        table.append(values, partition={"run": run.run}, claim=claim)
+        claim = (_claim(run.name), int(identity, 16))
+        table.append(values, partition={"run": run.name}, claim=claim)
 
-    def damaged(self) -> list[str]:
+    def find_damage(self) -> list[str]:
         """Read all files of all runs and say which are not as they were written."""
         table = self._table()
-        found = table.damaged()
+        found = table.find_damage()
         for name in _names(table):
             try:
                 self.model(self._record(table, name))
@@ -154,18 +165,18 @@ class Runs:
     def _models(self, name: str) -> Folder:
         return self._folder / "models" / name
 
-    def _record(self, table: Table, name: str) -> Run:
-        number = table.claimed(_claim(name))
+    def _record(self, table: VersionedTable, name: str) -> Run:
+        number = table.find_claim(_claim(name))
         if number is None:
             raise DamagedError(f"run {name!r}: expected a claim in the log, found none")
         identity = f"{number:015x}"
-        settings = _checked(self._models(name), f"settings-{identity}.json", identity)
-        return Run(**json.loads(settings))
+        settings = _check_record(self._models(name), f"settings-{identity}.json", identity)
+        return Run.from_json(json.loads(settings))
 
 
 def create(dataset: Folder) -> None:
     """Create the empty leverage table of a new dataset."""
-    Table.create(dataset / "leverage", LEVERAGE, partition=["run"])
+    VersionedTable.create(dataset / "leverage", LEVERAGE, partition=["run"])
 
 
 def digest(data: bytes) -> str:
@@ -173,7 +184,7 @@ def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:15]
 
 
-def _names(table: Table) -> list[str]:
+def _names(table: VersionedTable) -> list[str]:
     """List the runs of one look at the table; another look may see one more."""
     return sorted({file.partition["run"] for file in table.files()})
 
@@ -182,7 +193,7 @@ def _claim(name: str) -> str:
     return f"run:{name}"
 
 
-def _checked(folder: Folder, name: str, expected: str) -> bytes:
+def _check_record(folder: Folder, name: str, expected: str) -> bytes:
     data = folder.read(name)
     if digest(data) != expected:
         raise DamagedError(f"{folder.uri}/{name}: expected {expected}, found {digest(data)}")

@@ -13,8 +13,8 @@ from ssil_data.errors import ConflictError, NotFoundError
 from ssil_data.store import runs
 from ssil_data.store.arrow_schema import EPISODES, pairs_schema
 from ssil_data.store.dataset import CARD, Dataset
-from ssil_data.store.delta_table import Table
-from ssil_data.store.folder import Folder, checked_name
+from ssil_data.store.delta_table import VersionedTable
+from ssil_data.store.folder import Folder, check_name
 
 _HIDDEN = ".unfinished-"
 """Begins the names of folders that are being built, or deleted, and belong to no dataset."""
@@ -38,7 +38,7 @@ class Store:
 
     def __contains__(self, name: str) -> bool:
         """Tell whether a dataset of that name exists."""
-        return (self.folder / checked_name("dataset", name)).exists(CARD)
+        return (self.folder / check_name("dataset", name)).exists(CARD)
 
     def __iter__(self) -> Iterator[Dataset]:
         """Go through the datasets in the order of their names."""
@@ -47,7 +47,7 @@ class Store:
     def __getitem__(self, name: str) -> Dataset:
         """Open the newest version of a dataset; raises NotFoundError."""
         if name not in self:
-            raise self._unknown(name)
+            raise self._no_such_dataset(name)
         return Dataset(self.folder / name)
 
     def names(self) -> list[str]:
@@ -71,25 +71,25 @@ class Store:
         taken, InvalidInputError for episodes of another width or none.
         """
         if name in self:
-            raise self._taken(name)
+            raise self._name_taken(name)
         final = self.folder / name
-        with self._building(final) as built:
-            Table.create(built / "pairs", pairs_schema(state_names, action_names))
-            Table.create(built / "episodes", EPISODES)
+        with self._build_folder(final) as built:
+            VersionedTable.create(built / "pairs", pairs_schema(state_names, action_names))
+            VersionedTable.create(built / "episodes", EPISODES)
             runs.create(built)
             dataset = Dataset(built).append(episodes)
             built.write(CARD, f"{card.rstrip()}\n\n{dataset.checksums()}".encode())
             if built is not final:
-                self._show(built, final)
+                self._publish(built, final)
         return Dataset(final)
 
     @contextmanager
-    def writing(self, name: str) -> Iterator[Dataset]:
+    def open_for_writing(self, name: str) -> Iterator[Dataset]:
         """Open a dataset that nobody deletes meanwhile; several may write to it at once.
 
         Raises NotFoundError, or ConflictError if it is being deleted.
         """
-        with self._held(name, alone=False):
+        with self._lock_dataset(name, alone=False):
             yield self[name]
 
     def delete(self, name: str) -> None:
@@ -98,12 +98,12 @@ class Store:
         In an object store it goes file by file. Raises NotFoundError, or ConflictError while
         somebody is `writing` to it.
         """
-        with self._held(name, alone=True):
+        with self._lock_dataset(name, alone=True):
             removed = folder = self.folder / name
             if folder.local is not None:
-                removed = self._hidden()
+                removed = self._hidden_folder()
                 if not folder.rename(removed):
-                    raise self._unknown(name)
+                    raise self._no_such_dataset(name)
             removed.delete()
 
     def sweep(self) -> None:
@@ -112,20 +112,20 @@ class Store:
             left = self.folder / name
             if name.startswith(_HIDDEN) and left.local is not None:
                 with suppress(OSError), ExitStack() as held:
-                    with self._alone():
+                    with self._exclusive():
                         held.enter_context(_lock(left.local, alone=True))
                     left.delete()
 
     @contextmanager
-    def _building(self, final: Folder) -> Iterator[Folder]:
+    def _build_folder(self, final: Folder) -> Iterator[Folder]:
         """Give the folder to build a dataset in; what is left there by an error is deleted."""
-        built = final if final.local is None else self._hidden()
+        built = final if final.local is None else self._hidden_folder()
         with ExitStack() as held:
             if built.local is None:
                 built.delete()
             else:
                 self.folder.make()
-                with self._alone():
+                with self._exclusive():
                     built.make()
                     held.enter_context(_lock(built.local, alone=False))
             try:
@@ -134,23 +134,23 @@ class Store:
                 built.delete()
                 raise
 
-    def _show(self, built: Folder, final: Folder) -> None:
+    def _publish(self, built: Folder, final: Folder) -> None:
         """Give a whole dataset its name; what an unlocked writer left of a deleted one goes."""
         name = final.uri.rsplit("/", 1)[-1]
-        with self._alone():
-            removed = self._hidden()
+        with self._exclusive():
+            removed = self._hidden_folder()
             remains = final.exists() and set(final.names()) <= _PARTS
             if remains and not final.rename(removed):
-                raise self._taken(name)
+                raise self._name_taken(name)
             if not built.rename(final):
-                raise self._taken(name)
+                raise self._name_taken(name)
         with suppress(OSError):  # a sweep elsewhere may be at it
             removed.delete()
 
     @contextmanager
-    def _held(self, name: str, *, alone: bool) -> Iterator[None]:
+    def _lock_dataset(self, name: str, *, alone: bool) -> Iterator[None]:
         if name not in self:
-            raise self._unknown(name)
+            raise self._no_such_dataset(name)
         with ExitStack() as held:
             folder = (self.folder / name).local
             try:
@@ -160,25 +160,25 @@ class Store:
                 found = "somebody writing to it" if alone else "it being deleted"
                 raise ConflictError(f"dataset {name!r}: expected it free, found {found}") from None
             except FileNotFoundError:
-                raise self._unknown(name) from None
+                raise self._no_such_dataset(name) from None
             yield
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _exclusive(self) -> Iterator[None]:
         """Hold the lock under which names are given and hidden folders are taken."""
         assert self.folder.local is not None
         with _lock(self.folder.local, alone=True, wait=True):
             yield
 
-    def _hidden(self) -> Folder:
+    def _hidden_folder(self) -> Folder:
         return self.folder / f"{_HIDDEN}{secrets.token_hex(8)}"
 
-    def _taken(self, name: str) -> ConflictError:
+    def _name_taken(self, name: str) -> ConflictError:
         return ConflictError(
             f"dataset: expected an unused name in {self.folder.uri}, found {name!r}"
         )
 
-    def _unknown(self, name: str) -> NotFoundError:
+    def _no_such_dataset(self, name: str) -> NotFoundError:
         have = ", ".join(self.names()) or "none"
         return NotFoundError(
             f"dataset: expected one of [{have}] in {self.folder.uri}, found {name!r}"

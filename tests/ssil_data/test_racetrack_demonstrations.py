@@ -32,7 +32,7 @@ def judged(dataset: Dataset, kind: str, preset_name: str) -> Quality:
         labeled_is_one=recipe.labeled_is_one,
         seed=0,
     )
-    return quality(dataset, dataset.leverage(run.run))
+    return quality(dataset, dataset.leverage(run.name))
 
 
 def test_the_mixture_is_half_expert_and_half_negative_beside_a_few_labeled_pairs(
@@ -51,7 +51,7 @@ def test_the_mixture_is_half_expert_and_half_negative_beside_a_few_labeled_pairs
 
 
 def test_every_file_has_the_bytes_that_it_was_committed_with(racetrack: Dataset):
-    assert racetrack.damaged() == []
+    assert racetrack.find_damage() == []
 
 
 @pytest.mark.parametrize("preset_name", PRESETS)

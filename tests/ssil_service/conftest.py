@@ -11,8 +11,8 @@ import pytest
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore
-from ssil_service import embedded
-from ssil_service.server.launch import Server, launched
+from ssil_service import embed
+from ssil_service.server.launch import Server, launch
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drives
 
 READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
@@ -44,14 +44,14 @@ def local(folder: Path) -> sd.Store:
 @pytest.fixture
 def remote(folder: Path) -> Iterator[RemoteStore]:
     """The same store through the service, in this process."""
-    with embedded(folder, jobs=1) as store:
+    with embed(folder, jobs=1) as store:
         yield store
 
 
 @pytest.fixture(scope="session")
 def asked(scored: Path) -> Iterator[httpx.Client]:
     """Plain requests to a service that all tests ask and none changes."""
-    with embedded(scored, jobs=1) as store:
+    with embed(scored, jobs=1) as store:
         yield store.connection.client
 
 
@@ -83,7 +83,7 @@ def server(scored: Path, served_folder: Path) -> Iterator[Server]:
     store.create("many", [many], state_names=STATE_NAMES, action_names=ACTION_NAMES)
     flags = ("--header-seconds", "1", "--body-seconds", "1", "--send-seconds", "1")
     limits = ("--grace-seconds", "5", "--connections", "60", "--page-rows", "400000")
-    server = launched(served_folder / "store", *flags, *limits, log=served_folder / "log")
+    server = launch(served_folder / "store", *flags, *limits, log=served_folder / "log")
     yield server
     assert server.stop() == 0
 
@@ -117,7 +117,7 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
     def start(store: Path, *flags: str, keys: bool = False) -> Server:
         known = {"SSIL_READ_KEY": READ_KEY, "SSIL_WRITE_KEY": WRITE_KEY} if keys else {}
         log = tmp_path / f"log-{len(started)}"
-        started.append(launched(store, *flags, log=log, environment=known))
+        started.append(launch(store, *flags, log=log, environment=known))
         return started[-1]
 
     yield start

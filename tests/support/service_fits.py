@@ -14,7 +14,7 @@ import schemathesis
 from hypothesis import strategies as st
 from schemathesis.transport.serialization import Binary
 
-from ssil_data.client.wire import ARROW, PARQUET, encoded, rows_of_matrix
+from ssil_data.client.wire import ARROW, PARQUET, encode, rows_of_matrix
 
 STATE_NAMES, ACTION_NAMES = ["distance", "speed", "heading"], ["throttle", "steering"]
 STATE, ACTION = len(STATE_NAMES), len(ACTION_NAMES)
@@ -40,7 +40,7 @@ def _parquet(rows: int) -> bytes:
 
 
 _ROWS = st.integers(1, 12)
-schemathesis.openapi.media_type(ARROW, _ROWS.map(lambda n: encoded(_table(n)).to_pybytes()))
+schemathesis.openapi.media_type(ARROW, _ROWS.map(lambda n: encode(_table(n)).to_pybytes()))
 schemathesis.openapi.media_type(PARQUET, _ROWS.map(_parquet))
 
 

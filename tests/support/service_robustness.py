@@ -26,8 +26,8 @@ import pyarrow.parquet as pq
 
 import ssil_data as sd
 from ssil_data.client.upload import episodes_body
-from ssil_data.client.wire import ARROW, PARQUET, encoded, rows_of_matrix
-from ssil_service.server.launch import Server, launched
+from ssil_data.client.wire import ARROW, PARQUET, encode, rows_of_matrix
+from ssil_service.server.launch import Server, launch
 
 NAMES = {"state_names": ["x", "y", "z"], "action_names": ["a", "b"]}
 
@@ -111,12 +111,12 @@ def mutations(count: int) -> list[str]:
     bodies = {
         (make, media): [form(make(rows)) for rows in (1, 7, 60)]
         for make in (question, upload)
-        for media, form in ((ARROW, lambda t: encoded(t).to_pybytes()), (PARQUET, parquet))
+        for media, form in ((ARROW, lambda t: encode(t).to_pybytes()), (PARQUET, parquet))
     }
     deaths = 0
     with tempfile.TemporaryDirectory() as folder:
         store = small_store(Path(folder) / "store")
-        server = launched(store, "--decoded-bytes", str(2**28))
+        server = launch(store, "--decoded-bytes", str(2**28))
         with httpx.Client(base_url=server.url, timeout=60) as http:
             for number in range(count):
                 make, method, what = chance.choices(shapes, (5, 3, 2))[0]
@@ -141,7 +141,7 @@ def mutations(count: int) -> list[str]:
                     http.delete(path)
             alive = http.get("readyz").status_code == 200
         server.kill()
-        damaged = sd.Store(store)["walks"].damaged()
+        damaged = sd.Store(store)["walks"].find_damage()
     print(f"{count} mutated bodies; the server lived: {alive}; workers that died of one: {deaths}")
     for (what, media, status), times in sorted(statuses.items()):
         print(f"  {what:>7} {media:>8} {status}: {times:,}")
@@ -178,7 +178,7 @@ class Load:
             thread.join()
 
     def _upload(self) -> None:
-        body, number = encoded(upload(3_000)).to_pybytes(), 0
+        body, number = encode(upload(3_000)).to_pybytes(), 0
         with httpx.Client(base_url=self._server.url, timeout=30) as http:
             while not self._stop.is_set():
                 name = f"up-{self._round}-{number}"
@@ -253,7 +253,7 @@ def kills(rounds: int) -> list[str]:
         accepted: set[str] = set()
         finished: set[str] = set()
         for number in range(1, rounds + 1):
-            server = launched(store, *_FLAGS, log=Path(folder) / "log")
+            server = launch(store, *_FLAGS, log=Path(folder) / "log")
             with httpx.Client(base_url=server.url, timeout=30) as http:
                 known = {job["job"] for job in http.get("v1/jobs").json()["jobs"]}
             lost = accepted - known
@@ -273,7 +273,7 @@ def kills(rounds: int) -> list[str]:
         unknown = len(sd.Store(store)["grows"].episodes) - 1 - added.total()
         print(f"  appends that were made and not acknowledged: {unknown}")
         done += Counter(appends=added.total(), runs=len(finished))
-        server = launched(store, "--jobs", "2")
+        server = launch(store, "--jobs", "2")
         wrong += [f"at the end: {each}" for each in unfinished(server, accepted)]
         server.kill()
         wrong += [*seen_wrong(store, uploaded, finished), *grown_wrong(store, added)]
@@ -291,7 +291,7 @@ def seen_wrong(store: Path, uploaded: set[str], finished: set[str]) -> list[str]
         if len(dataset) != 3_000 or len(dataset.pairs()) != 3_000:
             wrong.append(f"{name} is torn: {len(dataset)} pairs")
     walks = here["walks"]
-    wrong += walks.damaged()
+    wrong += walks.find_damage()
     wrong += [f"run {run} was shown and is lost" for run in finished - set(walks.runs.names())]
     for run in walks.runs.names():
         if len(walks.leverage(run)) != 240:
@@ -309,7 +309,7 @@ def grown_wrong(store: Path, acknowledged: Counter[str]) -> list[str]:
     expected = np.array([[float(number) for number in each.split()] for each in sources])
     if not np.array_equal(pairs.states[:, :2], expected.repeat(_LONG, axis=0)):
         wrong.append(f"grows is torn: {len(pairs)} pairs in {len(sources)} episodes")
-    return [*wrong, *grows.damaged()]
+    return [*wrong, *grows.find_damage()]
 
 
 def unfinished(server: Server, accepted: set[str]) -> list[str]:

@@ -9,7 +9,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
 from ssil_trainers.algorithms.methods import Demonstrations
 
@@ -74,7 +74,7 @@ def demonstrations() -> Demonstrations:
     states, actions = (np.concatenate(part) for part in zip(*drives, strict=True))
     row = np.arange(len(states))
     leverage = np.where(row < 1300, 0.9, 0.1).astype(np.float32)
-    field = LeverageField(states, leverage, row < 300, Standardiser.of(states), alpha=20.0)
+    field = LeverageField(states, leverage, row < 300, Standardizer.of(states), alpha=20.0)
     return Demonstrations(states, actions, row < 300, leverage, field)
 
 

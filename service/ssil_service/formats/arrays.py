@@ -23,7 +23,7 @@ _MOST = float(np.finfo(np.float32).max)
 _INT64 = range(-(2**63), 2**63)
 
 
-def rows_of_json(name: str, rows: Any, width: int) -> NDArray[np.float32]:
+def rows_from_json(name: str, rows: Any, width: int) -> NDArray[np.float32]:
     """Return JSON's lists of numbers as (n, width); raises a Problem naming odd rows and cells."""
     if type(rows) is not list:
         raise field_problem(name, "expected a list of rows, found another value")
@@ -34,14 +34,14 @@ def rows_of_json(name: str, rows: Any, width: int) -> NDArray[np.float32]:
         raise row_problem(name, odd, f"expected width {width}, found {found}")
     if set(map(type, chain.from_iterable(rows))) <= _NUMBERS:
         try:
-            return checked(name, np.array(rows, np.float64).reshape(len(rows), width), width)
+            return check_float32(name, np.array(rows, np.float64).reshape(len(rows), width), width)
         except OverflowError:
             pass  # an integer beyond float64: found below
     cells = ((r, c, value) for r, row in enumerate(rows) for c, value in enumerate(row))
     raise cell_problem(name, ((r, c) for r, c, value in cells if not _is_float32(value)))
 
 
-def integers_of_json(name: str, values: Any) -> NDArray[np.int64]:
+def integers_from_json(name: str, values: Any) -> NDArray[np.int64]:
     """Return JSON's list of integers as (n,); 3.0 is one. Raises a Problem naming odd rows."""
     if type(values) is not list:
         raise field_problem(name, "expected a list of integers, found another value")
@@ -68,7 +68,7 @@ def _column(table: pa.Table, name: str) -> Any:
     return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 
-def matrix_of_column(table: pa.Table, name: str, width: int) -> NDArray[Any]:
+def matrix_from_column(table: pa.Table, name: str, width: int) -> NDArray[Any]:
     """Return a validated column of lists as (n, width); raises a Problem naming odd rows."""
     column = _column(table, name)
     if column.null_count:
@@ -94,7 +94,7 @@ def _cells(column: Any) -> Any:
     return column.flatten()
 
 
-def integers_of_column(table: pa.Table, name: str) -> NDArray[np.int64]:
+def integers_from_column(table: pa.Table, name: str) -> NDArray[np.int64]:
     """Return a column of integers as (n,); raises a Problem naming rows without one."""
     column = _column(table, name)
     if column.null_count:
@@ -103,7 +103,7 @@ def integers_of_column(table: pa.Table, name: str) -> NDArray[np.int64]:
     return column.to_numpy()
 
 
-def checked(name: str, values: NDArray[Any], width: int) -> NDArray[np.float32]:
+def check_float32(name: str, values: NDArray[Any], width: int) -> NDArray[np.float32]:
     """Return finite float32 numbers (n, width); raises a Problem naming every other cell."""
     try:
         return finite_matrix(name, values, width=width)

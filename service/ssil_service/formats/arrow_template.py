@@ -18,7 +18,7 @@ _REMEMBERED, _LONGEST = 256, 4096
 
 
 @dataclass(frozen=True)
-class _Form:
+class _ArrowTemplate:
     """What lies around numbers, and what they are."""
 
     head: bytes
@@ -27,11 +27,11 @@ class _Form:
     shape: tuple[int, ...]
 
 
-class Forms:
+class ArrowTemplates:
     """The forms of bodies seen lately, by their length and what else decided about them."""
 
     def __init__(self) -> None:
-        self._known: dict[Hashable, _Form] = {}
+        self._known: dict[Hashable, _ArrowTemplate] = {}
 
     def numbers(self, body: bytes, *conditions: Hashable) -> NDArray[Any] | None:
         """Return the numbers of a body whose form is known; they are the body's own."""
@@ -50,7 +50,7 @@ class Forms:
             return
         if len(self._known) >= _REMEMBERED:
             self._known.clear()
-        form = _Form(body[:first], body[last:], numbers.dtype, numbers.shape)
+        form = _ArrowTemplate(body[:first], body[last:], numbers.dtype, numbers.shape)
         self._known[(len(body), *conditions)] = form
 
 

@@ -14,9 +14,9 @@ import pyarrow as pa
 from ssil_data.client.wire import matrix_of_rows
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
-from ssil_data.interop import Layout, imported
+from ssil_data.interop import Layout, import_episodes
 from ssil_data.interop.arrow import columns_of
-from ssil_data.interop.parsing import parsing
+from ssil_data.interop.parsing import refuse_unreadable
 
 _OWN = (b"state_names", b"action_names")
 
@@ -43,8 +43,10 @@ class Upload:
             for name, value in layout.items()
         }
         path = Path(file)
-        with parsing(path, "table"):
-            found = imported(columns_of(path, table, place="at row", first=0), Layout(**given))
+        with refuse_unreadable(path, "table"):
+            found = import_episodes(
+                columns_of(path, table, place="at row", first=0), Layout(**given)
+            )
         return cls(found.episodes, list(found.state_names), list(found.action_names), card)
 
     def refuse_other_names(self, state_names: list[str], action_names: list[str]) -> None:

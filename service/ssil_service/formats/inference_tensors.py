@@ -52,10 +52,10 @@ def read(
         place += size
     if place != len(body):
         raise Problem(422, "body: expected only what its header names, found more bytes")
-    return _lean(request), inputs
+    return _without_defaults(request), inputs
 
 
-def _lean(request: InferenceRequest) -> InferenceRequest:
+def _without_defaults(request: InferenceRequest) -> InferenceRequest:
     """Return what the answer needs of a request; the rest may take thirty times its length."""
     outputs = [
         output.model_copy(update={"parameters": _only(output.parameters, "binary_data")})
@@ -69,7 +69,7 @@ def _only(parameters: Mapping[str, Any], name: str) -> dict[str, Any]:
     return {name: parameters.get(name) is True}
 
 
-def written(
+def write(
     request: InferenceRequest, about: Mapping[str, Any], outputs: Mapping[str, np.ndarray]
 ) -> tuple[bytes, int | None]:
     """Return the answer to a request, and the length of its JSON if tensors follow it."""

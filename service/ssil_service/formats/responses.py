@@ -13,22 +13,22 @@ from pydantic_core import to_json
 from starlette.requests import Request
 from starlette.responses import Response
 
-from ssil_data.client.wire import ARROW, JSON, PARQUET, encoded, matrix_of_rows
+from ssil_data.client.wire import ARROW, JSON, PARQUET, encode, matrix_of_rows
 from ssil_service.problems import Problem
 
 BULK = (JSON, ARROW, PARQUET)
 
 
-def wanted(request: Request, offered: tuple[str, ...] = BULK) -> str:
+def negotiate(request: Request, offered: tuple[str, ...] = BULK) -> str:
     """Return the offered media type that the request prefers; raises a Problem with 406."""
-    chosen = _preferred(",".join(request.headers.getlist("accept")), offered)
+    chosen = _choose(",".join(request.headers.getlist("accept")), offered)
     if chosen is None:
         raise Problem(406, f"Accept: expected one of {', '.join(offered)}, found none of them")
     return chosen
 
 
 @lru_cache(256)
-def _preferred(accept: str, offered: tuple[str, ...]) -> str | None:
+def _choose(accept: str, offered: tuple[str, ...]) -> str | None:
     """Take the highest quality; between equals the one offered first (RFC 9110, 12.5.1)."""
     ranges = [part for part in map(_range, accept.split(",")) if part is not None]
     if not accept.strip():
@@ -74,7 +74,7 @@ def table_response(
         body: bytes | pa.Buffer = to_json({**about, **columns}, inf_nan_mode="null")
     else:
         table = table.replace_schema_metadata({name: str(value) for name, value in about.items()})
-        body = encoded(table) if media == ARROW else _parquet(table)
+        body = encode(table) if media == ARROW else _parquet(table)
     sent = {"Vary": "Accept", **(headers or {})}
     return Response(memoryview(body), media_type=media, headers=sent)
 

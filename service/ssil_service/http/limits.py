@@ -29,18 +29,18 @@ _NO_CACHE = (b"cache-control", b"no-cache")
 _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
-class SlowError(TimeoutError):
+class SlowClientError(TimeoutError):
     """The client takes an answer too slowly."""
 
 
-class Held:
+class MemoryBudget:
     """Bytes of bodies and of long answers to questions in memory, all requests together."""
 
     def __init__(self, most: int) -> None:
         self.most = most
         self.bytes = 0
 
-    def take(self, size: int, own: int) -> None:
+    def reserve(self, size: int, own: int) -> None:
         """Hold more bytes, for one who holds `own`; raises a Problem with 503 for too many.
 
         Whoever is alone may hold any number: other limits bound what one request takes.
@@ -50,11 +50,11 @@ class Held:
         self.bytes += size
 
 
-class Exchange:
+class RequestLimits:
     """What passes between a client and the application; to be closed when it is over."""
 
     def __init__(
-        self, scope: Scope, receive: Receive, send: Send, settings: Settings, held: Held
+        self, scope: Scope, receive: Receive, send: Send, settings: Settings, held: MemoryBudget
     ) -> None:
         self.scope = scope
         self.headers = headers = dict(scope["headers"])
@@ -110,7 +110,7 @@ class Exchange:
         if self.received > self._most:
             raise self._too_large()
         if not self._uploads:  # those go to the disk as they arrive
-            self._hold(size)
+            self._reserve(size)
         return message
 
     async def send(self, message: Message) -> None:
@@ -121,7 +121,7 @@ class Exchange:
             headers = message["headers"]
             names = dict(headers)
             try:
-                self._hold_answer(message["status"], int(names.get(b"content-length", 0)))
+                self._reserve_answer(message["status"], int(names.get(b"content-length", 0)))
             except Problem as problem:  # the application has begun, and may not see it
                 self.refused = problem
                 return
@@ -130,21 +130,23 @@ class Exchange:
             if b"cache-control" not in names:
                 added.append(_NO_CACHE)
             message = {**message, "headers": [*headers, *added]}
-            await self._patiently(message)
+            await self._send_within_limits(message)
             return
         body = message.get("body", b"")
         if self.scope["method"] == "HEAD":
             body = b""
         if len(body) <= _PART:
-            await self._patiently({**message, "body": body})
+            await self._send_within_limits({**message, "body": body})
             return
         last = len(body) - 1
         for start in range(0, len(body), _PART):
             more = start + _PART <= last or message.get("more_body", False)
             part = memoryview(body)[start : start + _PART]
-            await self._patiently({"type": message["type"], "body": part, "more_body": more})
+            await self._send_within_limits(
+                {"type": message["type"], "body": part, "more_body": more}
+            )
 
-    async def _patiently(self, message: Message) -> None:
+    async def _send_within_limits(self, message: Message) -> None:
         """Send one message; of all, only the time that the client makes us wait counts.
 
         That no single part waits for ever is the connection's business.
@@ -154,7 +156,7 @@ class Exchange:
         self._sent += len(message.get("body", b""))
         self._waited += time.perf_counter() - begin
         if self._waited > self._settings.send_seconds + self._sent / _SLOWEST:
-            raise SlowError
+            raise SlowClientError
 
     async def answer(self, problem: Problem) -> None:
         """Answer with a problem, if nothing was answered yet."""
@@ -162,7 +164,7 @@ class Exchange:
             self.refused = None
             await problem.response(self.scope["path"])(self.scope, self._receive, self.send)
 
-    async def cut(self) -> None:
+    async def abort(self) -> None:
         """Drop the connection, and what of the answer still lies in its buffer."""
         abort: Callable[[], None] | None = self.scope.get("state", {}).get(ABORT)
         if abort is not None:
@@ -174,18 +176,18 @@ class Exchange:
         self._held.bytes -= self._holds
         self._holds = 0
 
-    def _hold(self, size: int) -> None:
+    def _reserve(self, size: int) -> None:
         if size:
-            self._held.take(size, self._holds)
+            self._held.reserve(size, self._holds)
             self._holds += size
 
-    def _hold_answer(self, status: int, size: int) -> None:
+    def _reserve_answer(self, status: int, size: int) -> None:
         """Hold a long answer to a question; no refusal, and not what tells that a change is made.
 
         Who hears 503 instead would ask for the change again.
         """
         if self.asks and size > _PART and status < 400:
-            self._hold(size)
+            self._reserve(size)
 
     def _too_large(self) -> Problem:
         detail = f"body: expected at most {self._most} bytes, found more"

@@ -94,7 +94,7 @@ def upload_body() -> dict[str, Any]:
     return _body({ARROW: _BINARY, PARQUET: _BINARY})
 
 
-def described(app: FastAPI) -> dict[str, Any]:
+def build_document(app: FastAPI) -> dict[str, Any]:
     """Return the document of an application, made once."""
     if not app.openapi_schema:
         document = get_openapi(
@@ -110,14 +110,14 @@ def described(app: FastAPI) -> dict[str, Any]:
         known = document.setdefault("components", {}).setdefault("schemas", {})
         known |= components["$defs"]
         _forget_null(document)
-        _add_edge(document, foreign=not app.state.keys)
+        _add_middleware_answers(document, foreign=not app.state.keys)
         for unused in ("HTTPValidationError", "ValidationError"):
             known.pop(unused, None)
         app.openapi_schema = document
     return app.openapi_schema
 
 
-def _add_edge(document: dict[str, Any], *, foreign: bool) -> None:
+def _add_middleware_answers(document: dict[str, Any], *, foreign: bool) -> None:
     """Add what every route may answer with, as it is said before any is asked.
 
     413 for a length that is told; without keys, 403 for a foreign Origin of what is no reading; 507
@@ -140,7 +140,7 @@ def _forget_null(document: dict[str, Any]) -> None:
             schema |= kinds[0] if kinds else {}
 
 
-def allowed(app: FastAPI, path: str) -> list[str]:
+def allowed_methods(app: FastAPI, path: str) -> list[str]:
     """Return the methods of all routes of a path."""
     found = {kind for pattern, kinds in _patterns(app) if pattern.match(path) for kind in kinds}
     follows = path.endswith("/events")
@@ -151,7 +151,7 @@ def allowed(app: FastAPI, path: str) -> list[str]:
 def _patterns(app: FastAPI) -> list[tuple[Any, list[str]]]:
     return [
         (compile_path(path)[0], [method.upper() for method in operations])
-        for path, operations in described(app)["paths"].items()
+        for path, operations in build_document(app)["paths"].items()
     ]
 
 

@@ -26,7 +26,7 @@ _Answer = Callable[[Request], Awaitable[Response]]
 Parameters = ParamSpec("Parameters")
 
 
-class Shortcut:
+class RouteCache:
     """ASGI middleware: the application, or for what is remembered its route."""
 
     def __init__(self, app: FastAPI, explain: Callable[[SsilDataError], Problem]) -> None:
@@ -36,7 +36,7 @@ class Shortcut:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer; raises a Problem, which the application would have answered with."""
-        known = self._known.get(_words(scope)) if scope["type"] == "http" else None
+        known = self._known.get(_cache_key(scope)) if scope["type"] == "http" else None
         if known is None:
             await self._app(scope, receive, send)
             return
@@ -48,21 +48,21 @@ class Shortcut:
             raise self._explain(error) from None
         await response(scope, receive, send)
 
-    def learn(self, scope: Scope, answer: _Answer) -> None:
+    def add(self, scope: Scope, answer: _Answer) -> None:
         """Remember what a question came to."""
-        self._known[_words(scope)] = (answer, scope["route"])
+        self._known[_cache_key(scope)] = (answer, scope["route"])
         while len(self._known) > _REMEMBERED:
             self._known.popitem(last=False)
 
 
-def _words(scope: Scope) -> Hashable:
+def _cache_key(scope: Scope) -> Hashable:
     """Return what decides about route and parameters; no credential is kept or compared."""
     given = [header for header in scope["headers"] if header[0] in _CREDENTIALS]
     digest = hashlib.sha256(repr(given).encode()).digest() if given else b""
     return scope["method"], scope["path"], scope["query_string"], digest
 
 
-def remembered(
+def cache_route(
     route: Callable[Parameters, Awaitable[Response]],
 ) -> Callable[Parameters, Awaitable[Response]]:
     """Let a route be found by the shortcut once it has answered, for all that succeeds."""
@@ -71,11 +71,11 @@ def remembered(
     async def first(*args: Parameters.args, **values: Parameters.kwargs) -> Response:
         response = await route(*args, **values)
         request: Any = values.pop("request")
-        request.app.state.shortcut.learn(request.scope, _asking(route, values))
+        request.app.state.shortcut.add(request.scope, _query_route(route, values))
         return response
 
     return first
 
 
-def _asking(route: Callable[..., Awaitable[Response]], values: dict[str, Any]) -> _Answer:
+def _query_route(route: Callable[..., Awaitable[Response]], values: dict[str, Any]) -> _Answer:
     return partial(route, **values)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from ssil_data.store.folder import Folder
-from ssil_service.logs import told
+from ssil_service.logs import log_event
 
 KEPT = 1000
 """Ended jobs that are remembered, the newest."""
@@ -50,7 +50,7 @@ class JobRecord:
         """Whether the job has ended; nothing of it changes any more."""
         return self.state in ENDED
 
-    def shown(self, progress: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    def as_shown(self, progress: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return what clients see."""
         hidden = ("server", "version", "body", "stem", "asked")
         known = {name: value for name, value in asdict(self).items() if name not in hidden}
@@ -105,7 +105,7 @@ class Journal:
             if job not in self._odd:
                 self._odd.add(job)
                 found = type(error).__name__
-                told("no record of a job", level=logging.WARNING, job=job, found=found)
+                log_event("no record of a job", level=logging.WARNING, job=job, found=found)
             return None
         if record.over:
             self._ended[job] = record

@@ -10,13 +10,13 @@ from typing import Any
 
 from ssil_service.jobs.journal import ENDED, KEPT, JobRecord, Journal
 from ssil_service.jobs.runner import Ending
-from ssil_service.logs import told
+from ssil_service.logs import log_event
 from ssil_service.problems import busy
 from ssil_service.workers.pool import Worker
 
 
 @dataclass
-class Entry:
+class Job:
     """A job of this server: its record, its progress, and the process that it runs in."""
 
     record: JobRecord
@@ -26,15 +26,15 @@ class Entry:
 
 
 @dataclass
-class Ledger:
+class JobRegistry:
     """Entries by job; `changed` is the lock under which they change."""
 
     journal: Journal
-    entries: dict[str, Entry] = field(default_factory=dict)
+    entries: dict[str, Job] = field(default_factory=dict)
     changed: Condition = field(default_factory=Condition)
     _unwritten: dict[str, JobRecord] = field(default_factory=dict)
 
-    def known(self, job: str) -> JobRecord | None:
+    def find(self, job: str) -> JobRecord | None:
         """Return a job's record, whichever server's it is."""
         entry = self.entries.get(job)
         return self.journal.read(job) if entry is None else entry.record
@@ -45,11 +45,11 @@ class Ledger:
         records |= {job: entry.record for job, entry in self.copy().items()}
         return sorted(records.values(), key=lambda record: record.created)
 
-    def reserved(self, dataset: str) -> set[str]:
+    def reserved_names(self, dataset: str) -> set[str]:
         """Return the names of the runs of a dataset that jobs are yet to make."""
         return {each.run for each in self.records() if each.dataset == dataset and not each.over}
 
-    def copy(self) -> dict[str, Entry]:
+    def copy(self) -> dict[str, Job]:
         """Return the entries as they are now."""
         with self.changed:
             return dict(self.entries)
@@ -64,10 +64,10 @@ class Ledger:
         try:
             self.journal.write(record)
         except OSError as error:
-            told("journal not written", level=logging.ERROR, job=record.job, error=str(error))
+            log_event("journal not written", level=logging.ERROR, job=record.job, error=str(error))
             raise busy(503, "jobs: expected a journal to write to, found it refused", 30) from None
 
-    def end(self, entry: Entry, ending: Ending) -> None:
+    def end(self, entry: Job, ending: Ending) -> None:
         """Write down how a job ended; what the disk refuses is tried again with the next one."""
         state = "cancelled" if entry.cancelled and ending.error else ending.state
         error = None if state == "cancelled" else ending.error
@@ -83,7 +83,7 @@ class Ledger:
             try:
                 self.journal.write(record)
             except OSError as error:
-                told("journal not written", level=logging.ERROR, job=job, error=str(error))
+                log_event("journal not written", level=logging.ERROR, job=job, error=str(error))
                 return
             del self._unwritten[job]
 

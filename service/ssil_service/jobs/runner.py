@@ -44,7 +44,7 @@ class Runner:
         numbered = (stem if number == 1 else f"{stem}-{number}" for number in count(1))
         return next(name for name in numbered if name not in taken)
 
-    def used(self, record: JobRecord) -> bool:
+    def name_is_used(self, record: JobRecord) -> bool:
         """Tell whether a run has the job's name; raises NotFoundError without its dataset."""
         return record.run in self._runs(record.dataset)
 
@@ -55,32 +55,32 @@ class Runner:
         try:
             self.pool.run("make_run", arguments, report=report, started=started)
         except (SsilDataError, Problem) as error:
-            return self.refused(error)
+            return self.refuse(error)
         except TaskError as error:
-            return self.cut_off(record, fault(error.kind, error.detail))
+            return self.find_ending(record, fault(error.kind, error.detail))
         return Ending("succeeded")
 
-    def refused(self, error: SsilDataError | Problem) -> Ending:
+    def refuse(self, error: SsilDataError | Problem) -> Ending:
         """Return the ending of a job that cannot be; no place on the machine is named."""
         kind = type(error).__name__
         if isinstance(error, SsilDataError):
             error = of_library(error, [Store(self.store).folder.uri])
         return fault(kind, error.detail)
 
-    def cut_off(self, record: JobRecord, ending: Ending) -> Ending:
+    def find_ending(self, record: JobRecord, ending: Ending) -> Ending:
         """Return how a job ended that gave no answer: it may have made its run before that."""
         try:
-            made = self._made(record)
+            made = self._has_made_run(record)
         except DamagedError:
             made = False
         return Ending("succeeded") if made else ending
 
-    def _made(self, record: JobRecord) -> bool:
+    def _has_made_run(self, record: JobRecord) -> bool:
         """Tell whether the run of the job's name is the job's, not one of somebody outside."""
         place = Store(self.store)
         try:
             run = place[record.dataset].runs.of_any_version(record.run)
-            expected = _asked_for(record.body, place, record.dataset)
+            expected = expected_record(record.body, place, record.dataset)
         except NotFoundError:
             return False
         found = {name: getattr(run, name) for name in expected}
@@ -90,7 +90,7 @@ class Runner:
         return Store(self.store)[dataset].runs.names()
 
 
-def _asked_for(body: Mapping[str, Any], place: Store, dataset: str) -> dict[str, Any]:
+def expected_record(body: Mapping[str, Any], place: Store, dataset: str) -> dict[str, Any]:
     """Return what the record of a run says that was made as the body of its job describes it."""
     if "fitted" not in body:
         return {name: body[name] for name in ("estimator", "scale", "labeled_is_one", "seed")}

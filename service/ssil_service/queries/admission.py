@@ -13,7 +13,7 @@ from ssil_service.problems import busy
 Answer = TypeVar("Answer")
 
 
-class Gate:
+class BoundedExecutor:
     """`computing` threads and `waiting` places before them; of one event loop.
 
     A question that its client has given up is still computed if it had begun: threads cannot be
@@ -43,10 +43,10 @@ class Gate:
         self._computed.add(computed)
         computed.add_done_callback(self._computed.discard)
         future = asyncio.wrap_future(computed)
-        future.add_done_callback(lambda _: self._left(begin))
+        future.add_done_callback(lambda _: self._finish(begin))
         return await asyncio.shield(future)
 
-    def _left(self, begin: float) -> None:
+    def _finish(self, begin: float) -> None:
         self.admitted -= 1
         self._typical += 0.1 * (time.monotonic() - begin - self._typical)
 

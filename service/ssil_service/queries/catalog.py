@@ -19,7 +19,7 @@ from ssil_data.field import LeverageField
 from ssil_data.scoring import LeverageModel
 from ssil_data.store import Store
 from ssil_data.store.dataset import CARD, Dataset
-from ssil_data.store.folder import checked_name
+from ssil_data.store.folder import check_name
 from ssil_data.store.runs import Run
 from ssil_service.queries.cache import Cache
 
@@ -74,10 +74,10 @@ class Snapshot:
     def of(cls, dataset: Dataset) -> Snapshot:
         """Look at the runs of an opened dataset."""
         _ = dataset.version, dataset.episodes  # read now, in the thread that opens it
-        return cls(dataset, {run.run: run for run in dataset.runs.all()})
+        return cls(dataset, {run.name: run for run in dataset.runs.all()})
 
 
-class Catalogue:
+class Catalog:
     """Snapshots of datasets, as new as the store, and what was read of them lately."""
 
     def __init__(self, store: Store, cache_bytes: int) -> None:
@@ -87,7 +87,7 @@ class Catalogue:
 
     async def snapshot(self, name: str, version: str | None = None) -> Snapshot:
         """Return the newest version of a dataset, or the given one; raises NotFoundError."""
-        token = self._token(checked_name("dataset", name))
+        token = self._token(check_name("dataset", name))
         known = self._newest.get(name)
         if known is None or known[0] != token:
             newest = await asyncio.to_thread(self._open, name)
@@ -99,20 +99,20 @@ class Catalogue:
         if version is None or version == newest.version:
             return newest
         key = ("version", name, newest.version, token, version)
-        return await self._kept(key, lambda: (Snapshot.of(newest.dataset.at(version)), 4096))
+        return await self._cached(key, lambda: (Snapshot.of(newest.dataset.at(version)), 4096))
 
     def _open(self, name: str) -> Snapshot:
-        return self._reading(name, lambda: Snapshot.of(self.store[name]))
+        return self._check_deleted(name, lambda: Snapshot.of(self.store[name]))
 
     async def read(self, snapshot: Snapshot, work: Callable[[Dataset], Found]) -> Found:
         """Return what is read of a dataset, in a thread; raises NotFoundError if it is deleted."""
         name, dataset = snapshot.name, snapshot.dataset
-        return await asyncio.to_thread(self._reading, name, lambda: work(dataset))
+        return await asyncio.to_thread(self._check_deleted, name, lambda: work(dataset))
 
-    async def _kept(self, key: tuple[Any, ...], build: Callable[[], tuple[Any, int]]) -> Any:
-        return await self.cache.get(key, lambda: self._reading(key[1], build))
+    async def _cached(self, key: tuple[Any, ...], build: Callable[[], tuple[Any, int]]) -> Any:
+        return await self.cache.get(key, lambda: self._check_deleted(key[1], build))
 
-    def _reading(self, name: str, work: Callable[[], Found]) -> Found:
+    def _check_deleted(self, name: str, work: Callable[[], Found]) -> Found:
         """Tell a dataset that is deleted while it is read from one that is damaged."""
         try:
             return work()
@@ -134,7 +134,7 @@ class Catalogue:
         logs = _logs(self.store.folder.local, name)
         if not logs:
             return int(now / _TRUSTED)
-        times = [_changed(log, now) for log in logs]
+        times = [_modification_time(log, now) for log in logs]
         # a time so fresh that the next change might share it is like no other
         return secrets.token_bytes(8) if None in times else tuple(times)
 
@@ -145,16 +145,16 @@ class Catalogue:
     def lacks(self, name: str) -> bool:
         """Tell, without waiting, that no dataset has a name; of an object store this is unknown."""
         local = self.store.folder.local
-        return local is not None and not (local / checked_name("dataset", name)).is_dir()
+        return local is not None and not (local / check_name("dataset", name)).is_dir()
 
     async def field(self, snapshot: Snapshot, run: str, alpha: float | None) -> LeverageField:
         """Return a run's field; one of another sharpness shares the states of the run's own."""
         record = snapshot.run(run)
         key = ("field", snapshot.name, snapshot.version, record.created, run)
-        own: LeverageField = await self._kept(key, lambda: _field(snapshot, run))
+        own: LeverageField = await self._cached(key, lambda: _field(snapshot, run))
         if alpha in (None, record.alpha):
             return own
-        found = await self._kept((*key, alpha), lambda: (own.at(alpha), _drawn(own)))
+        found = await self._cached((*key, alpha), lambda: (own.at(alpha), _sample_bytes(own)))
         self.cache.peek(key)  # so that the one that holds the states is let go of last
         return found
 
@@ -167,7 +167,7 @@ class Catalogue:
             size = len(snapshot.dataset.runs.model(record))
             return LeverageModel.of_record(snapshot.dataset, record), size
 
-        return await self._kept(key, build)
+        return await self._cached(key, build)
 
     async def values(self, snapshot: Snapshot, run: str) -> pa.Table:
         """Return a run's values, in the order of the pairs."""
@@ -178,7 +178,7 @@ class Catalogue:
             table = snapshot.dataset.runs.values(run).combine_chunks()
             return table, table.nbytes
 
-        return await self._kept(key, build)
+        return await self._cached(key, build)
 
     async def pairs(self, snapshot: Snapshot) -> Pairs:
         """Return all pairs of a dataset."""
@@ -187,11 +187,11 @@ class Catalogue:
             pairs = snapshot.dataset.pairs()
             return pairs, pairs.states.nbytes + pairs.actions.nbytes + 16 * len(pairs)
 
-        return await self._kept(("pairs", snapshot.name, snapshot.version), build)
+        return await self._cached(("pairs", snapshot.name, snapshot.version), build)
 
     def remove(self, name: str) -> None:
         """Delete a dataset; raises NotFoundError, or ConflictError while somebody writes to it."""
-        self._reading(name, lambda: self.store.delete(name))
+        self._check_deleted(name, lambda: self.store.delete(name))
         self._forget(name)
 
     def sweep(self) -> None:
@@ -214,7 +214,7 @@ def _logs(store: Path | None, name: str) -> tuple[Path, ...]:
     return tuple(store / name / table / "_delta_log" for table in ("episodes", "leverage"))
 
 
-def _changed(folder: Path, now: float) -> tuple[int, int] | None:
+def _modification_time(folder: Path, now: float) -> tuple[int, int] | None:
     try:
         found = folder.stat()
     except OSError:
@@ -227,9 +227,9 @@ def _field(snapshot: Snapshot, run: str) -> tuple[LeverageField, int]:
     field.lcor(field.states[:1])  # packs the states, so that no question waits for it
     if 0 < int(field.labeled.sum()) < len(field.labeled):
         field.cor(field.states[:1])
-    return field, 2 * field.states.nbytes + _drawn(field)
+    return field, 2 * field.states.nbytes + _sample_bytes(field)
 
 
-def _drawn(field: LeverageField) -> int:
+def _sample_bytes(field: LeverageField) -> int:
     """Return the bytes that a field may take for its samples, which it makes for itself."""
     return field.states.nbytes + 16 * len(field.states)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
-from ssil_service.queries.catalog import Catalogue, Snapshot
+from ssil_service.queries.catalog import Catalog, Snapshot
 
 _KINDS = ("lcor", "cor")
 
@@ -26,13 +26,13 @@ class Model:
     version: str
 
 
-async def found_model(catalogue: Catalogue, model: str, version: str | None) -> Model:
+async def find_model(catalogue: Catalog, model: str, version: str | None) -> Model:
     """Return what a name means.
 
     Raises NotFoundError, or ConflictError for two meanings, and for a field without a `version`
     whose run was made from an earlier one than the newest.
     """
-    readings = [await _read(catalogue, *reading, version) for reading in _readings(model)]
+    readings = [await _find(catalogue, *reading, version) for reading in _readings(model)]
     found = [each for each in readings if each is not None]
     if not found:
         raise NotFoundError("model: expected <dataset>.<run>, ….lcor or ….cor, found another")
@@ -53,8 +53,8 @@ def _readings(model: str) -> Iterator[tuple[str, str, str]]:
             yield name[:dot], name[dot + 1 :], kind
 
 
-async def _read(
-    catalogue: Catalogue, dataset: str, run: str, kind: str, version: str | None
+async def _find(
+    catalogue: Catalog, dataset: str, run: str, kind: str, version: str | None
 ) -> Model | None:
     """Return a model if there is one that is meant so."""
     try:

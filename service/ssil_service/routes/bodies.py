@@ -18,17 +18,17 @@ from ssil_data.client.wire import ARROW, JSON, PARQUET
 from ssil_data.demonstrations import Pairs
 from ssil_service.context import context
 from ssil_service.formats.arrays import (
-    checked,
+    check_float32,
     field_problem,
-    integers_of_column,
-    integers_of_json,
-    matrix_of_column,
-    rows_of_json,
+    integers_from_column,
+    integers_from_json,
+    matrix_from_column,
+    rows_from_json,
 )
 from ssil_service.formats.arrow import read_stream
-from ssil_service.formats.arrow_template import Forms
+from ssil_service.formats.arrow_template import ArrowTemplates
 from ssil_service.problems import SHOWN, Fault, Problem, of_validation
-from ssil_service.queries.admission import Gate
+from ssil_service.queries.admission import BoundedExecutor
 from ssil_service.schemas.requests import PairsBody, StatesBody
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -36,11 +36,11 @@ Answer = TypeVar("Answer")
 RUN_BYTES = 65_536
 """Largest body that asks for a run: settings, and nothing else."""
 _INLINE = 2**16
-_FORMS = Forms()
+_FORMS = ArrowTemplates()
 _LISTS = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
 
 
-def settings_body(body: bytes, model: type[Model]) -> Model:
+def read_settings_body(body: bytes, model: type[Model]) -> Model:
     """Return a small JSON body as a model; raises a Problem that names every offending place."""
     if len(body) > RUN_BYTES:
         raise Problem(413, f"body: expected at most {RUN_BYTES} bytes of settings, found more")
@@ -51,47 +51,47 @@ def settings_body(body: bytes, model: type[Model]) -> Model:
         raise of_validation(found, "body") from None
 
 
-async def states_body(request: Request, width: int) -> NDArray[np.float32]:
+async def read_states(request: Request, width: int) -> NDArray[np.float32]:
     """Return the states (m, d) of a question."""
     media, body, most = await _body(request)
 
     def read() -> NDArray[np.float32]:
         if media == JSON:
-            return rows_of_json("states", _fields(body, StatesBody, most)["states"], width)
+            return rows_from_json("states", _fields(body, StatesBody, most)["states"], width)
         known = _FORMS.numbers(body, width, most)
         if known is not None:
-            return checked("state", known, width)
-        matrix = matrix_of_column(_table(body, most, "state"), "state", width)
+            return check_float32("state", known, width)
+        matrix = matrix_from_column(_table(body, most, "state"), "state", width)
         _FORMS.learn(body, matrix, width, most)
-        return checked("state", matrix, width)
+        return check_float32("state", matrix, width)
 
-    return await off_loop(len(body), read, context(request).place(media))
+    return await run_off_loop(len(body), read, context(request).executor_for(media))
 
 
-async def pairs_body(request: Request, widths: tuple[int, int]) -> Pairs:
+async def read_pairs(request: Request, widths: tuple[int, int]) -> Pairs:
     """Return the pairs of a question; without episode and step they are one episode."""
     media, body, most = await _body(request)
 
     def read() -> Pairs:
         if media == JSON:
             given = _fields(body, PairsBody, most)
-            states = rows_of_json("states", given["states"], widths[0])
-            actions = rows_of_json("actions", given["actions"], widths[1])
+            states = rows_from_json("states", given["states"], widths[0])
+            actions = rows_from_json("actions", given["actions"], widths[1])
             known = {n: given[n] for n in _PLACE if given.get(n) is not None}
-            place = {name: integers_of_json(name, values) for name, values in known.items()}
+            place = {name: integers_from_json(name, values) for name, values in known.items()}
         else:
             table = _table(body, most, "state", "action")
             states, actions = (
-                checked(name, matrix_of_column(table, name, width), width)
+                check_float32(name, matrix_from_column(table, name, width), width)
                 for name, width in zip(("state", "action"), widths, strict=True)
             )
             known = [name for name in _PLACE if name in table.column_names]
-            place = {name: integers_of_column(table, name) for name in known}
+            place = {name: integers_from_column(table, name) for name in known}
         episode = place.get("episode", np.zeros(len(states), np.int64))
-        step = place["step"] if "step" in place else counted(episode)
+        step = place["step"] if "step" in place else number_steps(episode)
         return Pairs(states=states, actions=actions, episode=episode, step=step)
 
-    return await off_loop(len(body), read, context(request).place(media))
+    return await run_off_loop(len(body), read, context(request).executor_for(media))
 
 
 _PLACE = ("episode", "step")
@@ -113,7 +113,9 @@ def media_type(
     return given
 
 
-async def off_loop(size: int, work: Callable[[], Answer], place: Gate | None = None) -> Answer:
+async def run_off_loop(
+    size: int, work: Callable[[], Answer], place: BoundedExecutor | None = None
+) -> Answer:
     """Do small work here and now, large work in a thread, or where its form waits.
 
     Raises a Problem with 503 when too many wait there.
@@ -122,10 +124,10 @@ async def off_loop(size: int, work: Callable[[], Answer], place: Gate | None = N
         return work()
     if place is None:
         return await asyncio.to_thread(work)
-    return await place.run(lambda: _uncollected(work))
+    return await place.run(lambda: _without_garbage_collection(work))
 
 
-def _uncollected(work: Callable[[], Answer]) -> Answer:
+def _without_garbage_collection(work: Callable[[], Answer]) -> Answer:
     """Do what makes many lists but no cycles: the collector would go through them all the time.
 
     Of 1.4 million lists in 4 MB of JSON it makes five times the work, during which nobody answers.
@@ -204,7 +206,7 @@ def _check_type(name: str, kind: pa.DataType) -> None:
 _FLOATS = (pa.float32(), pa.float64())
 
 
-def counted(episode: NDArray[np.int64]) -> NDArray[np.int64]:
+def number_steps(episode: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the steps (n,) of rows, each episode of which begins at 0."""
     rows = np.arange(len(episode))
     begins = np.r_[True, episode[1:] != episode[:-1]][: len(rows)]

@@ -14,10 +14,10 @@ from starlette.responses import Response
 from ssil_data.client.wire import JSON, pairs_table, rows_of_matrix
 from ssil_data.errors import NotFoundError, SsilDataError
 from ssil_service.context import context
-from ssil_service.formats.responses import wanted
+from ssil_service.formats.responses import negotiate
 from ssil_service.http.openapi import bulk, problems
 from ssil_service.queries.catalog import Snapshot
-from ssil_service.routes.pages import page, paged, tag_of, unchanged
+from ssil_service.routes.pages import not_modified, page_response, page_rows, tag_of
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, Version
 from ssil_service.schemas.requests import Datasets, DatasetSummary, Versions
 from ssil_service.schemas.responses import EpisodesPage, PairsPage
@@ -30,36 +30,36 @@ _PROBLEMS = problems(404, 406, 422, tagged=True)
 @router.get("/datasets", response_model=Datasets, responses=problems(406, tagged=True))
 async def datasets(request: Request) -> Response:
     """List the newest version of every dataset."""
-    wanted(request, (JSON,))
-    catalogue = context(request).catalogue
+    negotiate(request, (JSON,))
+    catalog = context(request).catalog
     found = []
-    for name in await asyncio.to_thread(catalogue.names):
+    for name in await asyncio.to_thread(catalog.names):
         try:
-            found.append(summary(await catalogue.snapshot(name)))
+            found.append(summary(await catalog.snapshot(name)))
         except SsilDataError:
             continue  # deleted since, or damaged: `ssil-data validate` tells
     tag = tag_of(found)
-    return unchanged(request, tag) or _json({"datasets": found}, tag)
+    return not_modified(request, tag) or _json({"datasets": found}, tag)
 
 
 @router.get("/datasets/{dataset}", response_model=DatasetSummary, responses=_PROBLEMS)
 async def dataset(request: Request, dataset: DatasetName, version: Version = None) -> Response:
     """Show a dataset's newest version, or another."""
-    wanted(request, (JSON,))
-    found = summary(await context(request).catalogue.snapshot(dataset, version))
+    negotiate(request, (JSON,))
+    found = summary(await context(request).catalog.snapshot(dataset, version))
     tag = tag_of(found)
-    return unchanged(request, tag) or _json(found, tag)
+    return not_modified(request, tag) or _json(found, tag)
 
 
 @router.get("/datasets/{dataset}/versions", response_model=Versions, responses=_PROBLEMS)
 async def versions(request: Request, dataset: DatasetName) -> Response:
     """List the fingerprints of a dataset's versions, the newest last."""
-    wanted(request, (JSON,))
-    catalogue = context(request).catalogue
-    snapshot = await catalogue.snapshot(dataset)
-    found = await catalogue.read(snapshot, lambda dataset: dataset.versions)
+    negotiate(request, (JSON,))
+    catalog = context(request).catalog
+    snapshot = await catalog.snapshot(dataset)
+    found = await catalog.read(snapshot, lambda dataset: dataset.versions)
     tag = tag_of(found)
-    return unchanged(request, tag) or _json({"versions": found}, tag)
+    return not_modified(request, tag) or _json({"versions": found}, tag)
 
 
 @router.get(
@@ -69,12 +69,12 @@ async def versions(request: Request, dataset: DatasetName) -> Response:
 )
 async def card(request: Request, dataset: DatasetName) -> Response:
     """Read a dataset's card, Markdown."""
-    media = wanted(request, ("text/markdown",))
-    catalogue = context(request).catalogue
-    snapshot = await catalogue.snapshot(dataset)
-    text = await catalogue.read(snapshot, lambda dataset: dataset.card)
+    media = negotiate(request, ("text/markdown",))
+    catalog = context(request).catalog
+    snapshot = await catalog.snapshot(dataset)
+    text = await catalog.read(snapshot, lambda dataset: dataset.card)
     tag = tag_of(text)
-    return unchanged(request, tag) or Response(text, media_type=media, headers={"ETag": tag})
+    return not_modified(request, tag) or Response(text, media_type=media, headers={"ETag": tag})
 
 
 @router.get(
@@ -89,16 +89,18 @@ async def episodes(
     limit: Limit = None,
 ) -> Response:
     """Read the episodes: number, length, labeled, source, score, tier, ending."""
-    media = wanted(request)
-    snapshot = await context(request).catalogue.snapshot(dataset, version)
+    media = negotiate(request)
+    snapshot = await context(request).catalog.snapshot(dataset, version)
     tag = tag_of(dataset, snapshot.version, media, offset, limit)
-    known = unchanged(request, tag)
+    known = not_modified(request, tag)
     if known is not None:
         return known
     table = snapshot.dataset.episodes
-    rows = page(request, media, len(table), offset, limit, table.num_columns)
+    rows = page_rows(request, media, len(table), offset, limit, table.num_columns)
     part = table.slice(rows.start, rows.stop - rows.start)
-    return await paged(request, media, part, rows, len(table), tag, version=snapshot.version)
+    return await page_response(
+        request, media, part, rows, len(table), tag, version=snapshot.version
+    )
 
 
 @router.get(
@@ -119,25 +121,27 @@ async def pairs(
     limit: Limit = None,
 ) -> Response:
     """Read the pairs in order: episode, step, state, action."""
-    media = wanted(request)
+    media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalogue.snapshot(dataset, version)
-    chosen = _chosen(snapshot, episode, labeled)
+    snapshot = await here.catalog.snapshot(dataset, version)
+    chosen = _choose_rows(snapshot, episode, labeled)
     choice = (episode, labeled, recorded, offset, limit)
     tag = tag_of("pairs", dataset, snapshot.version, media, choice)
-    known = unchanged(request, tag)
+    known = not_modified(request, tag)
     if known is not None:
         return known
-    whole = await here.catalogue.pairs(snapshot)
-    rows = page(request, media, len(chosen), offset, limit, sum(snapshot.widths))
+    whole = await here.catalog.pairs(snapshot)
+    rows = page_rows(request, media, len(chosen), offset, limit, sum(snapshot.widths))
     taken = chosen[rows]
     if recorded is None:
-        part = pairs_table(_taken(whole, taken))
+        part = pairs_table(_take_rows(whole, taken))
     else:
-        values = await here.catalogue.read(snapshot, lambda dataset: dataset.recorded(recorded))
+        values = await here.catalog.read(snapshot, lambda dataset: dataset.read_recorded(recorded))
         place = {"episode": whole.episode[taken], "step": whole.step[taken]}
         part = pa.table({**place, recorded: _column(values, taken)})
-    return await paged(request, media, part, rows, len(chosen), tag, version=snapshot.version)
+    return await page_response(
+        request, media, part, rows, len(chosen), tag, version=snapshot.version
+    )
 
 
 def summary(snapshot: Snapshot) -> dict[str, Any]:
@@ -168,7 +172,7 @@ def _json(value: Any, tag: str) -> Response:
     return Response(to_json(value), media_type=JSON, headers={"ETag": tag})
 
 
-def _chosen(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
+def _choose_rows(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
     """Return the rows of the pairs that were asked for."""
     table = snapshot.dataset.episodes
     keep = np.ones(len(table), bool)
@@ -180,7 +184,7 @@ def _chosen(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
     return np.flatnonzero(np.repeat(keep, table["length"].to_numpy()))
 
 
-def _taken(pairs: Any, rows: Any) -> Any:
+def _take_rows(pairs: Any, rows: Any) -> Any:
     """Return rows of pairs; a page of all of them is no copy."""
     if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
         return pairs[int(rows[0]) : int(rows[-1]) + 1]

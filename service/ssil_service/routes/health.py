@@ -44,7 +44,7 @@ async def refuse_unready(request: Request) -> None:
 
 def _stands(here: Context) -> bool:
     """Tell whether the store is where it was, and readable; one moved away is not an empty one."""
-    return (here.home is None or here.home.is_dir()) and here.catalogue.ready()
+    return (here.store_folder is None or here.store_folder.is_dir()) and here.catalog.ready()
 
 
 @router.get(
@@ -55,7 +55,7 @@ def _stands(here: Context) -> bool:
 async def metrics(request: Request) -> Response:
     """Tell what Prometheus asks: latency by route, rows, queue, cache, jobs."""
     here = context(request)
-    here.metrics.jobs(await asyncio.to_thread(here.board.counts))
+    here.metrics.record_jobs(await asyncio.to_thread(here.jobs.counts))
     return Response(here.metrics.text(), media_type=CONTENT_TYPE)
 
 

@@ -19,11 +19,11 @@ from ssil_data.client.wire import JSON
 from ssil_data.demonstrations import Pairs
 from ssil_service.context import Context, context
 from ssil_service.formats import inference_tensors as tensors
-from ssil_service.formats.arrays import checked
+from ssil_service.formats.arrays import check_float32
 from ssil_service.http.openapi import json_body, problems
 from ssil_service.problems import Problem
-from ssil_service.queries.model_names import Model, found_model
-from ssil_service.routes.bodies import counted, media_type, off_loop
+from ssil_service.queries.model_names import Model, find_model
+from ssil_service.routes.bodies import media_type, number_steps, run_off_loop
 from ssil_service.routes.health import refuse_unready
 from ssil_service.schemas.responses import (
     InferenceAnswer,
@@ -80,7 +80,7 @@ async def metadata(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
     """Tell what a model takes and gives."""
-    found = await found_model(context(request).catalogue, model, version)
+    found = await find_model(context(request).catalog, model, version)
     widths = found.snapshot.widths
     inputs = [("states", "FP32", widths[0])]
     if not found.kind:
@@ -110,7 +110,7 @@ async def model_ready(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
     """Tell that a model answers."""
-    await found_model(context(request).catalogue, model, version)
+    await find_model(context(request).catalog, model, version)
     return _json({"name": model, "ready": True})
 
 
@@ -133,10 +133,10 @@ async def infer(
     offered = (JSON, "application/octet-stream") if length is not None else (JSON,)
     media_type(request, offered, unnamed=JSON)  # as Triton's own client sends it
     here = context(request)
-    found = await found_model(here.catalogue, model, version)
+    found = await find_model(here.catalog, model, version)
     body, most = await request.body(), here.settings.json_bytes
-    asked, inputs = await off_loop(
-        len(body), lambda: tensors.read(body, length, most_json=most), here.texts
+    asked, inputs = await run_off_loop(
+        len(body), lambda: tensors.read(body, length, most_json=most), here.json_executor
     )
     unknown = {output.name for output in asked.outputs} - set(_OUTPUTS[found.kind])
     if unknown:
@@ -144,11 +144,11 @@ async def infer(
             422, f"outputs: expected some of {sorted(_OUTPUTS[found.kind])}, found others"
         )
     outputs = await _outputs(here, found, inputs)
-    here.metrics.rows("infer", len(next(iter(outputs.values()))))
+    here.metrics.record_rows("infer", len(next(iter(outputs.values()))))
     about = {"model_name": model, "model_version": found.version, "id": asked.id}
     size = sum(values.nbytes for values in outputs.values())
-    answer, header = await off_loop(
-        size, lambda: tensors.written(asked, about, outputs), here.texts
+    answer, header = await run_off_loop(
+        size, lambda: tensors.write(asked, about, outputs), here.json_executor
     )
     if header is None:
         return Response(answer, media_type=JSON)
@@ -167,8 +167,8 @@ async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -
     if len(states) > most:
         raise Problem(413, f"states: expected at most {most} rows, found {len(states)}")
     if not model.kind:
-        return await _scored(here, model, inputs, states)
-    field = await here.catalogue.field(model.snapshot, model.run, None)
+        return await _score(here, model, inputs, states)
+    field = await here.catalog.field(model.snapshot, model.run, None)
     if model.kind == "cor":
         return {"values": await here.compute(100 * len(states), lambda: field.cor(states))}
     size = len(states) * len(field.states)
@@ -176,15 +176,15 @@ async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -
     return {"values": answer.values, "effective_sample_size": answer.effective_sample_size}
 
 
-async def _scored(
+async def _score(
     here: Context, model: Model, inputs: dict[str, np.ndarray], states: Any
 ) -> dict[str, Any]:
     actions = _rows(inputs, "actions", model.snapshot.widths[1])
     episode = inputs.get("episode", np.zeros(len(states), np.int64))
     if episode.dtype != np.int64 or episode.ndim != 1:
         raise Problem(422, "episode: expected INT64 of one dimension, found another tensor")
-    pairs = Pairs(states, actions, episode, counted(episode))
-    estimator = await here.catalogue.model(model.snapshot, model.run)
+    pairs = Pairs(states, actions, episode, number_steps(episode))
+    estimator = await here.catalog.model(model.snapshot, model.run)
     scored = await here.compute(4096 * len(pairs), lambda: estimator(pairs))
     return {"uncertainty": scored.uncertainty, "leverage": scored.leverage}
 
@@ -193,7 +193,7 @@ def _rows(inputs: dict[str, np.ndarray], name: str, width: int) -> Any:
     values = inputs[name]
     if values.ndim != 2 or values.shape[1] != width:
         raise Problem(422, f"{name}: expected shape [n, {width}], found {list(values.shape)}")
-    return checked(name, values, width)
+    return check_float32(name, values, width)
 
 
 def _json(value: Any) -> Response:

@@ -12,7 +12,7 @@ from starlette.responses import Response, StreamingResponse
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import Context, context
-from ssil_service.formats.responses import wanted
+from ssil_service.formats.responses import negotiate
 from ssil_service.http.openapi import events as events_of
 from ssil_service.http.openapi import problems
 from ssil_service.jobs.journal import ENDED
@@ -28,15 +28,15 @@ _LOOK, _SIGN_OF_LIFE = 0.1, 100
 @router.get("", response_model=Jobs, responses=problems(406))
 async def jobs(request: Request) -> Response:
     """List the jobs of all servers of the store, the newest first."""
-    wanted(request, (JSON,))
-    return _json({"jobs": await asyncio.to_thread(context(request).board.all)})
+    negotiate(request, (JSON,))
+    return _json({"jobs": await asyncio.to_thread(context(request).jobs.all)})
 
 
 @router.get("/{job}", response_model=Job, responses=problems(404, 406, 422))
 async def job(request: Request, job: JobId) -> Response:
     """Show a job."""
-    wanted(request, (JSON,))
-    return _json(await asyncio.to_thread(context(request).board.get, job))
+    negotiate(request, (JSON,))
+    return _json(await asyncio.to_thread(context(request).jobs.get, job))
 
 
 @router.get(
@@ -46,24 +46,24 @@ async def job(request: Request, job: JobId) -> Response:
 )
 async def events(request: Request, job: JobId) -> Response:
     """Follow a job to its end: an event `job` with the whole job at every change."""
-    media = wanted(request, ("text/event-stream",))
+    media = negotiate(request, ("text/event-stream",))
     here = context(request)
-    await asyncio.to_thread(here.board.get, job)
+    await asyncio.to_thread(here.jobs.get, job)
     return StreamingResponse(_events(here, job), media_type=media)
 
 
 @writing.post("/{job}/cancel", response_model=Job, responses=problems(404, 406, 409, 422))
 async def cancel(request: Request, job: JobId) -> Response:
     """Stop a job; nothing of it is kept. One that has ended stays as it is."""
-    wanted(request, (JSON,))
-    return _json(await asyncio.to_thread(context(request).board.cancel, job))
+    negotiate(request, (JSON,))
+    return _json(await asyncio.to_thread(context(request).jobs.cancel, job))
 
 
 async def _events(here: Context, job: str) -> AsyncIterator[bytes]:
     """Look at the job ten times a second: enough for a person, nothing for the processor."""
     told, quiet = b"", 0
     while True:
-        shown = await asyncio.to_thread(here.board.get, job)
+        shown = await asyncio.to_thread(here.jobs.get, job)
         now = to_json(shown)
         quiet = 0 if now != told else quiet + 1
         if now != told:

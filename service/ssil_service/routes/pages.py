@@ -13,13 +13,13 @@ from ssil_data.client.wire import JSON
 from ssil_service.context import context
 from ssil_service.formats.responses import table_response
 from ssil_service.problems import Problem
-from ssil_service.routes.bodies import off_loop
+from ssil_service.routes.bodies import run_off_loop
 
 _CELLS = {JSON: 2**17}
 _CELLS_OF_OTHERS = 2**24
 
 
-def page(
+def page_rows(
     request: Request, media: str, total: int, offset: int, limit: int | None, width: int
 ) -> slice:
     """Return the rows of a page: no more than asked for, than may be, than a body should hold."""
@@ -34,7 +34,7 @@ def most_rows(media: str, width: int) -> int:
     return max(1, _CELLS.get(media, _CELLS_OF_OTHERS) // max(1, width))
 
 
-async def paged(
+async def page_response(
     request: Request, media: str, table: pa.Table, rows: slice, total: int, tag: str, **about: Any
 ) -> Response:
     """Return a page, whose rows these are, with how many there are and where the next one is."""
@@ -43,8 +43,8 @@ async def paged(
         following = request.url.include_query_params(offset=rows.stop)
         headers["Link"] = f'<{following.path}?{following.query}>; rel="next"'
     about = {**about, "offset": rows.start, "total": total}
-    place = context(request).place(media)
-    return await off_loop(
+    place = context(request).executor_for(media)
+    return await run_off_loop(
         table.nbytes, lambda: table_response(table, media, about=about, headers=headers), place
     )
 
@@ -54,9 +54,9 @@ def tag_of(*parts: object) -> str:
     return f'"{hashlib.sha256(repr(parts).encode()).hexdigest()[:24]}"'
 
 
-def unchanged(request: Request, tag: str) -> Response | None:
+def not_modified(request: Request, tag: str) -> Response | None:
     """Return 304 if the client has what the tag names."""
-    known = _listed(request, "if-none-match")
+    known = _list_header(request, "if-none-match")
     if known == ["*"] or tag in [each.removeprefix("W/") for each in known]:
         return Response(status_code=304, headers={"ETag": tag})
     return None
@@ -67,12 +67,12 @@ def refuse_unmatched(request: Request, tag: str | None) -> None:
 
     None is the tag of what is not there (RFC 9110, 13.1.1).
     """
-    known = _listed(request, "if-match")
+    known = _list_header(request, "if-match")
     if known and (tag is None or (known != ["*"] and tag not in known)):
         raise Problem(412, "If-Match: expected the newest version's ETag, found another")
 
 
-def _listed(request: Request, name: str) -> list[str]:
+def _list_header(request: Request, name: str) -> list[str]:
     """Return what a header lists, on one line or several."""
     lines = request.headers.getlist(name)
     return [each.strip() for each in ",".join(lines).split(",")] if lines else []

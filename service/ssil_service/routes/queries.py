@@ -11,11 +11,11 @@ from starlette.responses import Response
 from ssil_data.client.wire import rows_of_matrix
 from ssil_data.store.arrow_schema import PARTS
 from ssil_service.context import context
-from ssil_service.formats.responses import table_response, wanted
+from ssil_service.formats.responses import negotiate, table_response
 from ssil_service.http.openapi import bulk, bulk_body, problems
-from ssil_service.http.route_cache import remembered
+from ssil_service.http.route_cache import cache_route
 from ssil_service.problems import Fault, Problem
-from ssil_service.routes.bodies import off_loop, pairs_body, states_body
+from ssil_service.routes.bodies import read_pairs, read_states, run_off_loop
 from ssil_service.routes.pages import most_rows
 from ssil_service.routes.parameters import (
     Alpha,
@@ -39,7 +39,7 @@ _PROBLEMS = problems(404, 406, 408, 409, 413, 415, 422)
     responses={**_PROBLEMS, 200: bulk(LCoRAnswer, SumsAnswer)},
     openapi_extra=bulk_body(StatesBody),
 )
-@remembered
+@cache_route
 async def lcor(
     request: Request,
     dataset: DatasetName,
@@ -58,19 +58,19 @@ async def lcor(
     ] = False,
 ) -> Response:
     """Tell how good the neighbourhood of states is, and on how many states the answer rests."""
-    media = wanted(request)
+    media = negotiate(request)
     here = context(request)
     accuracy = {"tolerance": tolerance, "relative": relative, "seconds": seconds, "seed": seed}
     if sums:
         _refuse_sampled(request)
-    snapshot = await here.catalogue.snapshot(dataset, version)
+    snapshot = await here.catalog.snapshot(dataset, version)
     snapshot.run(run)
-    states = await states_body(request, snapshot.widths[0])
+    states = await read_states(request, snapshot.widths[0])
     most = most_rows(media, 4 + 2 * contributors)
     if contributors and len(states) > most:
         detail = f"at most {most} rows with {contributors} contributors, found {len(states)}"
         raise Problem(413, f"states: expected {detail}")
-    field = await here.catalogue.field(snapshot, run, alpha)
+    field = await here.catalog.field(snapshot, run, alpha)
 
     def work() -> dict[str, Any]:
         if sums:
@@ -83,18 +83,18 @@ async def lcor(
         columns = _answer(await here.batching.lcor(field, states))
     else:
         columns = await here.compute(size, work)
-    here.metrics.rows("lcor", len(states))
+    here.metrics.record_rows("lcor", len(states))
     about = {"alpha": field.alpha, "demonstrations": len(field.states)}
     table = pa.table(columns)
-    return await off_loop(
-        table.nbytes, lambda: table_response(table, media, about=about), here.place(media)
+    return await run_off_loop(
+        table.nbytes, lambda: table_response(table, media, about=about), here.executor_for(media)
     )
 
 
 @router.post(
     "/cor", responses={**_PROBLEMS, 200: bulk(CoRAnswer)}, openapi_extra=bulk_body(StatesBody)
 )
-@remembered
+@cache_route
 async def cor(
     request: Request,
     dataset: DatasetName,
@@ -103,36 +103,36 @@ async def cor(
     alpha: Alpha = None,
 ) -> Response:
     """Tell CoR of states: whether they are nearer to the labeled states or to all others."""
-    media = wanted(request)
+    media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalogue.snapshot(dataset, version)
+    snapshot = await here.catalog.snapshot(dataset, version)
     snapshot.run(run)
-    states = await states_body(request, snapshot.widths[0])
-    field = await here.catalogue.field(snapshot, run, alpha)
+    states = await read_states(request, snapshot.widths[0])
+    field = await here.catalog.field(snapshot, run, alpha)
     values = await here.compute(100 * len(states), lambda: field.cor(states))
-    here.metrics.rows("cor", len(states))
+    here.metrics.record_rows("cor", len(states))
     table = pa.table({"value": values})
     about = {"alpha": field.alpha}
-    return await off_loop(
-        table.nbytes, lambda: table_response(table, media, about=about), here.place(media)
+    return await run_off_loop(
+        table.nbytes, lambda: table_response(table, media, about=about), here.executor_for(media)
     )
 
 
 @router.post(
     "/score", responses={**_PROBLEMS, 200: bulk(ScoreAnswer)}, openapi_extra=bulk_body(PairsBody)
 )
-@remembered
+@cache_route
 async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
     """Tell the uncertainty and leverage of pairs, seen before or not, by a run of any version."""
-    media = wanted(request)
+    media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalogue.snapshot(dataset)
+    snapshot = await here.catalog.snapshot(dataset)
     snapshot.run_of_any_version(run)
-    pairs = await pairs_body(request, snapshot.widths)
-    model = await here.catalogue.model(snapshot, run)
+    pairs = await read_pairs(request, snapshot.widths)
+    model = await here.catalog.model(snapshot, run)
     # a pair costs an estimator about what some thousand demonstrations cost LCoR
     scored = await here.compute(4096 * len(pairs), lambda: model(pairs))
-    here.metrics.rows("score", len(pairs))
+    here.metrics.record_rows("score", len(pairs))
     missing = pa.nulls(len(pairs), pa.float32())
     table = pa.table(
         {
@@ -141,7 +141,9 @@ async def score(request: Request, dataset: DatasetName, run: RunName) -> Respons
             "leverage": scored.leverage,
         }
     )
-    return await off_loop(table.nbytes, lambda: table_response(table, media), here.place(media))
+    return await run_off_loop(
+        table.nbytes, lambda: table_response(table, media), here.executor_for(media)
+    )
 
 
 def _refuse_sampled(request: Request) -> None:

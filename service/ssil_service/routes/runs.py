@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -18,13 +17,13 @@ from ssil_data.client.wire import IDEMPOTENCY, JSON
 from ssil_data.estimators import from_json
 from ssil_data.estimators import to_json as settings_json
 from ssil_service.context import Context, context
-from ssil_service.formats.responses import wanted
+from ssil_service.formats.responses import negotiate
 from ssil_service.http.openapi import bulk, json_body, problems
-from ssil_service.jobs.queue import Order
+from ssil_service.jobs.queue import JobRequest
 from ssil_service.queries.catalog import Snapshot
-from ssil_service.routes.bodies import media_type, settings_body
+from ssil_service.routes.bodies import media_type, read_settings_body
 from ssil_service.routes.datasets import refuse_unknown_episode
-from ssil_service.routes.pages import page, paged, tag_of, unchanged
+from ssil_service.routes.pages import not_modified, page_response, page_rows, tag_of
 from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, RunName, Version
 from ssil_service.schemas.requests import FitBody, Job, RescoreBody, RunRecord, RunRecords
 from ssil_service.schemas.responses import LeveragePage
@@ -43,21 +42,21 @@ Columns = Annotated[
 @router.get("", response_model=RunRecords, responses=_PROBLEMS)
 async def runs(request: Request, dataset: DatasetName) -> Response:
     """List the runs of all versions of a dataset, oldest first."""
-    wanted(request, (JSON,))
-    snapshot = await context(request).catalogue.snapshot(dataset)
+    negotiate(request, (JSON,))
+    snapshot = await context(request).catalog.snapshot(dataset)
     found = sorted(snapshot.runs.values(), key=lambda run: run.created)
     tag = tag_of(found)
-    answer = {"runs": [asdict(run) for run in found]}
-    return unchanged(request, tag) or _json(answer, tag)
+    answer = {"runs": [run.to_json() for run in found]}
+    return not_modified(request, tag) or _json(answer, tag)
 
 
 @router.get("/{run}", response_model=RunRecord, responses=_PROBLEMS)
 async def run(request: Request, dataset: DatasetName, run: RunName) -> Response:
     """Show a run of any version."""
-    wanted(request, (JSON,))
-    found = (await context(request).catalogue.snapshot(dataset)).run_of_any_version(run)
+    negotiate(request, (JSON,))
+    found = (await context(request).catalog.snapshot(dataset)).run_of_any_version(run)
     tag = tag_of(found)
-    return unchanged(request, tag) or _json(asdict(found), tag)
+    return not_modified(request, tag) or _json(found.to_json(), tag)
 
 
 @router.get(
@@ -77,26 +76,26 @@ async def leverage(
     limit: Limit = None,
 ) -> Response:
     """Read what a run says of every pair: episode, step, uncertainty, its parts, leverage."""
-    media = wanted(request)
+    media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalogue.snapshot(dataset, version)
+    snapshot = await here.catalog.snapshot(dataset, version)
     record = snapshot.run(run)
     if episode is not None:
         refuse_unknown_episode(snapshot, episode)
     choice = (episode, first_step, last_step, columns, offset, limit)
     tag = tag_of(record.created, record.model, snapshot.version, media, choice)
-    known = unchanged(request, tag)
+    known = not_modified(request, tag)
     if known is not None:
         return known
-    table = await here.catalogue.values(snapshot, run)
+    table = await here.catalog.values(snapshot, run)
     if (episode, first_step, last_step) != (None, None, None):
         table = table.filter(_within(table, episode, first_step, last_step))
     if columns:
         table = table.select(list(dict.fromkeys(columns)))
-    rows = page(request, media, len(table), offset, limit, table.num_columns)
+    rows = page_rows(request, media, len(table), offset, limit, table.num_columns)
     part = table.slice(rows.start, rows.stop - rows.start)
     about = {"run": run, "version": snapshot.version}
-    return await paged(request, media, part, rows, len(table), tag, **about)
+    return await page_response(request, media, part, rows, len(table), tag, **about)
 
 
 @writing.post(
@@ -113,33 +112,33 @@ async def start(
 ) -> Response:
     """Have a run made: the job is accepted, and goes on when nobody waits for it."""
     media_type(request, (JSON,))
-    body = _parsed(await request.body())
+    body = _parse(await request.body())
     here = context(request)
     asked = hashlib.sha256(f"{dataset} {body.model_dump_json()}".encode()).hexdigest()
-    job = await asyncio.to_thread(here.board.repeated, key, asked)
+    job = await asyncio.to_thread(here.jobs.find_repeated, key, asked)
     if job is None:
-        snapshot = await here.catalogue.snapshot(dataset, body.version)
-        order = await _order(here, snapshot, body, asked)
-        job = await asyncio.to_thread(here.board.submit, order, key)
+        snapshot = await here.catalog.snapshot(dataset, body.version)
+        order = await _job_request(here, snapshot, body, asked)
+        job = await asyncio.to_thread(here.jobs.submit, order, key)
     return Response(
         to_json(job), 202, media_type=JSON, headers={"Location": f"/v1/jobs/{job['job']}"}
     )
 
 
-def _parsed(body: bytes) -> FitBody | RescoreBody:
+def _parse(body: bytes) -> FitBody | RescoreBody:
     """Tell the two bodies apart by what only one of them has, and name what is wrong with it."""
     kind = RescoreBody if b'"fitted"' in body and b'"estimator"' not in body else FitBody
-    return settings_body(body, kind)
+    return read_settings_body(body, kind)
 
 
-async def _order(
+async def _job_request(
     here: Context, snapshot: Snapshot, body: FitBody | RescoreBody, asked: str
-) -> Order:
+) -> JobRequest:
     """Return what the job is to make; raises the library's error for what cannot be."""
     if isinstance(body, RescoreBody):
         source = snapshot
         if body.fitted.dataset is not None:
-            source = await here.catalogue.snapshot(body.fitted.dataset)
+            source = await here.catalog.snapshot(body.fitted.dataset)
         stem = source.run_of_any_version(body.fitted.run).estimator["kind"]
         made: dict[str, Any] = {"fitted": body.fitted.model_dump()}
     else:
@@ -151,7 +150,7 @@ async def _order(
             "labeled_is_one": body.labeled_is_one,
             "seed": body.seed,
         }
-    return Order(snapshot.name, snapshot.version, made, body.run, stem, asked)
+    return JobRequest(snapshot.name, snapshot.version, made, body.run, stem, asked)
 
 
 def _within(table: pa.Table, episode: int | None, first: int | None, last: int | None) -> pa.Array:

@@ -76,9 +76,9 @@ async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     refuse_unmatched(request, None)
     media = media_type(request, (ARROW, PARQUET))
     here = context(request)
-    if dataset in await asyncio.to_thread(here.catalogue.names):
+    if dataset in await asyncio.to_thread(here.catalog.names):
         raise ConflictError(f"dataset: expected an unused name, found {dataset!r}")
-    return await _written(request, dataset, layout, media, append=False)
+    return await _write(request, dataset, layout, media, append=False)
 
 
 @writing.post("/episodes", responses={**_PROBLEMS, **problems(404)}, **_WRITTEN)
@@ -89,9 +89,9 @@ async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     """
     _refuse_key(request)
     media = media_type(request, (ARROW, PARQUET))
-    snapshot = await context(request).catalogue.snapshot(dataset)
+    snapshot = await context(request).catalog.snapshot(dataset)
     refuse_unmatched(request, tag_of(summary(snapshot)))
-    return await _written(request, dataset, layout, media, append=True)
+    return await _write(request, dataset, layout, media, append=True)
 
 
 @writing.delete("", status_code=204, responses=problems(404, 409, 412, 422))
@@ -99,9 +99,9 @@ async def delete(request: Request, dataset: DatasetName) -> Response:
     """Delete a dataset with its runs; with `If-Match`, its ETag, only if it is still that."""
     _refuse_key(request)
     if "if-match" in request.headers:  # a damaged one can be deleted without being read
-        snapshot = await context(request).catalogue.snapshot(dataset)
+        snapshot = await context(request).catalog.snapshot(dataset)
         refuse_unmatched(request, tag_of(summary(snapshot)))
-    await asyncio.to_thread(context(request).catalogue.remove, dataset)
+    await asyncio.to_thread(context(request).catalog.remove, dataset)
     return Response(status_code=204)
 
 
@@ -111,7 +111,7 @@ def _refuse_key(request: Request) -> None:
         raise Problem(422, f"{IDEMPOTENCY}: expected none, as only runs remember it, found one")
 
 
-async def _written(
+async def _write(
     request: Request, dataset: str, layout: Layout, media: str, *, append: bool
 ) -> Response:
     here = context(request)
@@ -124,6 +124,6 @@ async def _written(
         layout=layout.columns,
         file=layout.file,
     )
-    found = summary(await here.catalogue.snapshot(dataset, version))
+    found = summary(await here.catalog.snapshot(dataset, version))
     headers = {"Location": f"/v1/datasets/{dataset}"}
     return Response(to_json(found), 201, media_type=JSON, headers=headers)

@@ -84,7 +84,7 @@ def _digest(name: str, key: str) -> bytes:
     return hashlib.sha256(key.encode()).digest()
 
 
-async def _given(
+async def _read_keys(
     request: Request,
     _one: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
     _other: Annotated[str | None, Security(_header)],
@@ -96,7 +96,7 @@ async def _given(
 
 
 # asynchronous, all three: FastAPI would run others in threads
-Given = Annotated[list[str], Security(_given)]
+Given = Annotated[list[str], Security(_read_keys)]
 
 
 async def may_read(request: Request, given: Given) -> None:

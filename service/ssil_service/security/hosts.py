@@ -33,7 +33,7 @@ class Hosts:
     @classmethod
     def of(cls, settings: Settings, others: Iterable[str] = ()) -> Hosts:
         """Take the local names, the address that the service is bound to, and others."""
-        bound = _bracketed(settings.host) if ":" in settings.host else settings.host.lower()
+        bound = _format_address(settings.host) if ":" in settings.host else settings.host.lower()
         return cls(frozenset({*_LOCAL, bound, *others}))
 
     def refuse_foreign(self, method: str, headers: Mapping[bytes, bytes]) -> None:
@@ -50,12 +50,12 @@ class Hosts:
 def _name(host: str) -> str:
     """Return a host without its port."""
     if host.startswith("["):
-        return _bracketed(host[1:].partition("]")[0])
+        return _format_address(host[1:].partition("]")[0])
     return host.partition(":")[0].lower()
 
 
 @lru_cache(64)
-def _bracketed(address: str) -> str:
+def _format_address(address: str) -> str:
     """Return an address of version 6 as it is written shortest."""
     try:
         return f"[{ipaddress.IPv6Address(address)}]"

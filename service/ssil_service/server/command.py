@@ -13,10 +13,10 @@ import uvicorn
 from cyclopts import Parameter
 
 from ssil_data.errors import InvalidInputError
-from ssil_service.http.middleware import Edge
+from ssil_service.http.middleware import Middleware
 from ssil_service.logs import start_logging
 from ssil_service.security.authentication import refuse_open_doors
-from ssil_service.server.protocol import impatient
+from ssil_service.server.protocol import timeout_protocol
 from ssil_service.settings import Settings, read_settings
 
 
@@ -71,13 +71,13 @@ def _refuse_taken_port(host: str, port: int) -> None:
 class _Server(uvicorn.Server):
     """uvicorn, which tells the service as soon as it is asked to end."""
 
-    def __init__(self, app: Edge, settings: Settings) -> None:
+    def __init__(self, app: Middleware, settings: Settings) -> None:
         self._edge = app
         config = uvicorn.Config(
             app,
             host=settings.host,
             port=settings.port,
-            http=impatient(
+            http=timeout_protocol(
                 head=settings.header_seconds,
                 send=settings.send_seconds,
                 connections=settings.connections,
@@ -94,5 +94,5 @@ class _Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end: event streams stop, `/readyz` says so."""
-        self._edge.leave()
+        self._edge.begin_shutdown()
         super().handle_exit(sig, frame)

@@ -22,7 +22,7 @@ _NAME = "embedded"
 """The host that it is asked as: no browser can."""
 
 
-def embedded(store: str | Path = "datasets", **settings: Any) -> RemoteStore:
+def embed(store: str | Path = "datasets", **settings: Any) -> RemoteStore:
     """Return the store as a client sees it, served in this process; close it when done.
 
     `settings` are those of the service. Raises InvalidInputError for settings that are none.
@@ -39,7 +39,7 @@ class EmbeddedTransport(httpx.BaseTransport):
         self._loop = asyncio.new_event_loop()
         self._threads = ThreadPoolExecutor(thread_name_prefix="embedded")
         self._loop.set_default_executor(self._threads)
-        self._asking, self._closed = Lock(), False
+        self._lock, self._closed = Lock(), False
         self._thread = Thread(target=self._loop.run_forever, daemon=True, name="embedded")
         self._thread.start()
         self._lifespan = _Lifespan(app)
@@ -55,8 +55,8 @@ class EmbeddedTransport(httpx.BaseTransport):
 
         Raises RemoteProtocolError if it is closed meanwhile, ServiceError if it was before.
         """
-        exchange = _Exchange(request)
-        with self._asking:
+        exchange = _EmbeddedRequest(request)
+        with self._lock:
             if self._closed:
                 raise ServiceError("service: expected it open, found it closed")
             asyncio.run_coroutine_threadsafe(exchange.run(self._app), self._loop)
@@ -66,7 +66,7 @@ class EmbeddedTransport(httpx.BaseTransport):
 
     def close(self) -> None:
         """End the application's lifespan, what is still asked, and the thread."""
-        with self._asking:
+        with self._lock:
             if self._closed:
                 return
             self._closed = True
@@ -105,7 +105,7 @@ class _Lifespan:
         """Start the application; raises what it raises."""
         self._stop = asyncio.Event()
         self._ready: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._told = False
+        self._startup_sent = False
         self._task = asyncio.ensure_future(
             self._app({"type": "lifespan"}, self._receive, self._send)
         )
@@ -120,8 +120,8 @@ class _Lifespan:
         await self._task
 
     async def _receive(self) -> Message:
-        if not self._told:
-            self._told = True
+        if not self._startup_sent:
+            self._startup_sent = True
             return {"type": "lifespan.startup"}
         await self._stop.wait()
         return {"type": "lifespan.shutdown"}
@@ -131,14 +131,14 @@ class _Lifespan:
             self._ready.set_result(None)
 
 
-class _Exchange:
+class _EmbeddedRequest:
     """One request through the application."""
 
     def __init__(self, request: httpx.Request) -> None:
         self.started: Future[tuple[int, list[tuple[bytes, bytes]]]] = Future()
         self.parts: SimpleQueue[bytes | Exception | None] = SimpleQueue()
         self._body = request.read()
-        self._asked = False
+        self._request_sent = False
         url = request.url
         self._scope: dict[str, Any] = {
             "type": "http",
@@ -171,8 +171,8 @@ class _Exchange:
                 self.started.set_exception(cut)
 
     async def _receive(self) -> Message:
-        if not self._asked:
-            self._asked = True
+        if not self._request_sent:
+            self._request_sent = True
             return {"type": "http.request", "body": self._body, "more_body": False}
         await self._left.wait()
         return {"type": "http.disconnect"}
@@ -193,7 +193,7 @@ class _Exchange:
 class _Body(httpx.SyncByteStream):
     """The body of an answer, part by part."""
 
-    def __init__(self, exchange: _Exchange, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, exchange: _EmbeddedRequest, loop: asyncio.AbstractEventLoop) -> None:
         self._exchange, self._loop = exchange, loop
 
     def __iter__(self) -> Iterator[bytes]:

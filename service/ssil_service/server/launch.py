@@ -34,7 +34,7 @@ class Server:
         return self.process.wait()
 
 
-def launched(
+def launch(
     store: str | Path,
     *flags: str,
     port: int | None = None,

@@ -13,26 +13,26 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ssil_service.http.limits import ABORT
-from ssil_service.logs import told
+from ssil_service.logs import log_event
 from ssil_service.problems import PROBLEM, Problem
-from ssil_service.server.transport import Gathered
+from ssil_service.server.transport import CoalescingTransport
 
 
-def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol]:
+def timeout_protocol(*, head: float, send: float, connections: int) -> type[H11Protocol]:
     """Return a protocol that drops connections.
 
     Those whose next request's `head` takes more seconds, those that take nothing of an answer for
     `send` seconds, and of more than so many connections the newest, at once.
     """
 
-    class Impatient(H11Protocol):
+    class TimeoutProtocol(H11Protocol):
         """Drops connections that say nothing, or half of something, or do not listen."""
 
         _deadline: asyncio.TimerHandle | None = None
         _deaf: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
-            transport = Gathered(transport, self.loop)
+            transport = CoalescingTransport(transport, self.loop)
             super().connection_made(transport)
             self.app_state = {**self.app_state, ABORT: transport.abort}
             if len(self.connections) > connections:
@@ -42,7 +42,7 @@ def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
-            if self._answering():
+            if self._is_answering():
                 self._forget()
             elif self._deadline is None:
                 self._wait()
@@ -75,7 +75,7 @@ def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol
             self._listens()
             super().connection_lost(exc)
 
-        def _answering(self) -> bool:
+        def _is_answering(self) -> bool:
             return self.cycle is not None and not self.cycle.response_complete
 
         def _wait(self) -> None:
@@ -92,12 +92,12 @@ def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol
                 self._deaf = None
 
         def _give_up(self) -> None:
-            told("deaf", client=self.client)
+            log_event("deaf", client=self.client)
             self.transport.abort()
 
         def _drop(self) -> None:
             self._deadline = None
-            if not self._answering():
+            if not self._is_answering():
                 self._end()
 
         def _end(self) -> None:
@@ -107,4 +107,4 @@ def impatient(*, head: float, send: float, connections: int) -> type[H11Protocol
             else:
                 self.transport.close()
 
-    return Impatient
+    return TimeoutProtocol

@@ -12,7 +12,7 @@ _MOST = 65_536
 """Bytes that wait for more at most."""
 
 
-class Gathered:
+class CoalescingTransport:
     """What uvicorn uses of a transport."""
 
     def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:

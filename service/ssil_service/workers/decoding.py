@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ssil_service.logs import told
+from ssil_service.logs import log_event
 from ssil_service.problems import Problem, busy
-from ssil_service.workers.lease import State
+from ssil_service.workers.lease import ServerLease
 from ssil_service.workers.pool import Pool, TaskError
 
 _AT_ONCE, _WAITING = 2, 16
@@ -34,7 +34,9 @@ class Decoder:
     dies of it too; what happens afterwards is the service's own fault.
     """
 
-    def __init__(self, state: State, pool: Pool, *, query_rows: int, upload_rows: int) -> None:
+    def __init__(
+        self, state: ServerLease, pool: Pool, *, query_rows: int, upload_rows: int
+    ) -> None:
         self.state = state
         self.pool = pool
         self._rows = {"decode": query_rows, "upload": upload_rows}
@@ -55,7 +57,7 @@ class Decoder:
     async def upload(self, chunks: AsyncIterator[bytes], **arguments: Any) -> str:
         """Write a body to the disk as it arrives, then to the store; return the new version."""
         with self._admission("upload"), self.state.scratch() as source:
-            await _kept(chunks, source)
+            await _save(chunks, source)
             return await self._run("upload", source=str(source), **arguments)
 
     @contextmanager
@@ -72,9 +74,9 @@ class Decoder:
     async def _run(self, task: str, **arguments: Any) -> Any:
         arguments["most_rows"] = self._rows[task]
         async with self._places:
-            return await asyncio.shield(asyncio.to_thread(self._tried, task, arguments))
+            return await asyncio.shield(asyncio.to_thread(self._run_with_retry, task, arguments))
 
-    def _tried(self, task: str, arguments: dict[str, Any]) -> Any:
+    def _run_with_retry(self, task: str, arguments: dict[str, Any]) -> Any:
         """Run a task; a crash while the body is read is no proof until it happens again."""
         for last in (False, True):
             read = False
@@ -87,7 +89,7 @@ class Decoder:
                 return self.pool.run(task, arguments, report=report)
             except TaskError as error:
                 if error.kind == "CrashError" and not read and not last:
-                    told("retried", level=30, task=task)
+                    log_event("retried", level=30, task=task)
                     continue
                 if error.kind in _LATER:
                     later = busy(503, _LATER[error.kind], 1)
@@ -99,7 +101,7 @@ class Decoder:
         raise AssertionError("the second time returns or raises")
 
 
-async def _kept(chunks: AsyncIterator[bytes], path: Path) -> None:
+async def _save(chunks: AsyncIterator[bytes], path: Path) -> None:
     with path.open("wb") as file:
         async for chunk in chunks:
             file.write(chunk)

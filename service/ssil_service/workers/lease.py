@@ -17,7 +17,7 @@ from pathlib import Path
 from ssil_service.jobs.journal import Journal
 
 
-class State:
+class ServerLease:
     """One server's place in the folder that all servers of a store share."""
 
     def __init__(self, folder: Path) -> None:
@@ -27,7 +27,7 @@ class State:
         self.journal = Journal(folder / "jobs")
         self.place = folder / "servers" / self.server
         self.lock = self.place / "lock"
-        with self.alone():  # or a server that starts now would take it for a dead one's
+        with self.exclusive():  # or a server that starts now would take it for a dead one's
             self.place.mkdir(parents=True)
             self._handle = os.open(self.lock, os.O_CREAT | os.O_RDONLY, 0o600)
             fcntl.flock(self._handle, fcntl.LOCK_SH)
@@ -42,7 +42,7 @@ class State:
             path.unlink(missing_ok=True)
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def exclusive(self) -> Iterator[None]:
         """Hold the lock under which places are taken and jobs accepted, of all servers' one."""
         guard = os.open(self.folder / "takeover", os.O_CREAT | os.O_RDONLY, 0o600)
         try:
@@ -52,9 +52,9 @@ class State:
             os.close(guard)
 
     @contextmanager
-    def takeover(self) -> Iterator[set[str]]:
+    def adopt_orphans(self) -> Iterator[set[str]]:
         """Give the servers that live; the others' jobs may be taken, their places are gone then."""
-        with self.alone():
+        with self.exclusive():
             places = {each.name: each for each in (self.folder / "servers").iterdir()}
             living = {name for name, place in places.items() if self._lives(place)}
             yield living

@@ -60,14 +60,14 @@ class Worker:
 
     def _answer(self, order: dict[str, Any], report: Report) -> Any:
         self._send(json.dumps(order).encode() + b"\n")
-        while message := self._heard():
+        while message := self._listen():
             if "progress" in message:
                 report(message["progress"])
             elif "error" in message:
                 raise _error(message["error"])
             else:
                 return message["result"]
-        raise self._died()
+        raise self._describe_death()
 
     def _send(self, line: bytes) -> None:
         assert self._process.stdin is not None
@@ -75,7 +75,7 @@ class Worker:
             self._process.stdin.write(line)
             self._process.stdin.flush()
 
-    def _heard(self) -> dict[str, Any]:
+    def _listen(self) -> dict[str, Any]:
         """Return what the process says next; nothing if it ended, even within a line."""
         assert self._process.stdout is not None
         try:
@@ -85,7 +85,7 @@ class Worker:
         known = isinstance(message, dict) and {"progress", "error", "result"} & message.keys()
         return message if known else {}
 
-    def _died(self) -> TaskError:
+    def _describe_death(self) -> TaskError:
         self.kill()
         if self._late:
             return TaskError("TimeoutError", "the task took longer than it may")

@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ssil_data.client.wire import PARQUET, encoded
+from ssil_data.client.wire import PARQUET, encode
 from ssil_data.errors import InvalidInputError
 from ssil_service.formats.arrow import not_readable, read_stream
 from ssil_service.problems import Problem
@@ -30,7 +30,7 @@ def make_run(
     from ssil_data.store import Store
 
     place = Store(store)
-    with place.writing(dataset) as newest:
+    with place.open_for_writing(dataset) as newest:
         scored = newest.at(version)
         if "fitted" in body:
             fitted = body["fitted"]
@@ -51,7 +51,7 @@ def make_run(
 def decode(*, source: str, target: str, most_rows: int, report: Progress) -> None:
     """Read a Parquet file and write it as an Arrow stream."""
     table = _parquet(Path(source), most_rows)
-    Path(target).write_bytes(encoded(table))
+    Path(target).write_bytes(encode(table))
 
 
 def upload(
@@ -76,7 +76,7 @@ def upload(
     report("read", 1, 1)
     place = Store(store)
     if append:
-        with place.writing(dataset) as old:
+        with place.open_for_writing(dataset) as old:
             found.refuse_other_names(old.state_names, old.action_names)
             return old.append(found.episodes).version
     new = place.create(

@@ -15,12 +15,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import ssil_data as sd
-from ssil_data.client import Patience, RemoteDataset, RemoteStore, connect
+from ssil_data.client import RemoteDataset, RemoteStore, RetryPolicy, connect
 from ssil_data.client.connection import Connection
-from ssil_service import embedded
+from ssil_service import embed
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
-QUICK = Patience(first=0.001, longest=0.01, total=1.0)
+QUICK = RetryPolicy(first=0.001, longest=0.01, total=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> sd.Store:
 
 @pytest.fixture(scope="module")
 def remote(local: sd.Store) -> Iterator[RemoteStore]:
-    with embedded(local.folder.uri, jobs=1) as store:
+    with embed(local.folder.uri, jobs=1) as store:
         yield store
 
 
@@ -68,7 +68,7 @@ def test_a_dataset_reads_like_the_local_one(dataset: RemoteDataset, local: sd.St
     assert dataset.at(here.version).version == here.version
     assert dataset.episodes.equals(here.episodes)
     assert_array_equal(dataset.per_pair("labeled"), here.per_pair("labeled"))
-    assert dataset.recorded("reward") is None
+    assert dataset.read_recorded("reward") is None
     for found, expected in (
         (dataset.pairs(), here.pairs()),
         (dataset.episode(3), here.episode(3)),
@@ -92,7 +92,7 @@ def test_an_episode_that_is_none_is_refused_as_locally(
 
 def test_runs_are_the_local_records(dataset: RemoteDataset, local: sd.Store):
     here = local["drives"]
-    assert [run.run for run in dataset.runs] == [run.run for run in here.runs]
+    assert [run.name for run in dataset.runs] == [run.name for run in here.runs]
     assert dataset.runs["mdn"] == here.runs["mdn"]
     assert dataset.runs.values("mdn").equals(here.runs.values("mdn"))
     assert_array_equal(dataset.leverage("mdn"), here.leverage("mdn"))
@@ -128,13 +128,13 @@ def test_no_states_get_no_answers(dataset: RemoteDataset):
 
 def test_more_states_than_one_question_takes_are_asked_in_several(local: sd.Store):
     states = local["drives"].pairs().states[:50]
-    with embedded(local.folder.uri, query_rows=16) as store:
+    with embed(local.folder.uri, query_rows=16) as store:
         found = store["drives"].field("mdn").cor(states)
     assert_array_equal(found, local["drives"].field("mdn").cor(states))
 
 
 def test_long_answers_come_in_pages(local: sd.Store):
-    with embedded(local.folder.uri, page_rows=100) as store:
+    with embed(local.folder.uri, page_rows=100) as store:
         assert_array_equal(store["drives"].leverage("mdn"), local["drives"].leverage("mdn"))
         assert_array_equal(store["drives"].pairs().states, local["drives"].pairs().states)
 
@@ -167,10 +167,10 @@ def test_a_run_is_made_as_locally_and_tells_its_progress(remote: RemoteStore, tm
         "drives", drives(), state_names=STATE_NAMES, action_names=ACTION_NAMES
     )
     expected = sd.score(twin, sd.VAE(steps=20), scale=sd.MinMax(), seed=5)
-    assert_array_equal(remote["drives"].leverage(made.run), twin.leverage(expected.run))
+    assert_array_equal(remote["drives"].leverage(made.name), twin.leverage(expected.name))
     assert (made.seed, made.scale, made.model) == (5, expected.scale, expected.model)
     assert told[-1] == ("score", 420, 420)
-    again = remote["drives"].rescore(remote["drives"], made.run, run="again")
+    again = remote["drives"].rescore(remote["drives"], made.name, run="again")
     assert again.model == made.model
 
 
@@ -208,7 +208,7 @@ def test_a_dataset_written_over_rest_is_the_one_written_locally(
 def test_an_opened_dataset_stays_what_it_was(remote: RemoteStore):
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
     before = remote.create("growing", drives(), **names)
-    run = before.score(sd.VAE(steps=10)).run
+    run = before.score(sd.VAE(steps=10)).name
     states = before.pairs().states[:4]
     value = before.field(run).lcor(states).values
     before.append([drive(4, 6)])
@@ -292,7 +292,7 @@ def test_what_may_not_be_repeated_is_repeated_after_refusals_before_any_work_alo
 
 def test_an_append_whose_answer_was_held_back_is_made_once(local: sd.Store):
     """The service has too much to hold for the answer, after the commit."""
-    with embedded(local.folder.uri, jobs=1) as store:
+    with embed(local.folder.uri, jobs=1) as store:
         names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
         dataset = store.create("once", [drive(0, 5)], **names)
         client = store.connection.client
@@ -337,7 +337,7 @@ def test_many_short_episodes_are_written_at_once(remote: RemoteStore):
 
 
 def test_a_store_that_is_closed_says_so(local: sd.Store):
-    store = embedded(local.folder.uri, jobs=1)
+    store = embed(local.folder.uri, jobs=1)
     store.close()
     with pytest.raises(sd.ServiceError, match="expected an open connection, found it closed"):
         store.names()
@@ -454,12 +454,12 @@ def test_threads_may_share_a_store(remote: RemoteStore, local: sd.Store):
 
 
 def test_waits_grow_with_jitter_up_to_a_longest():
-    patience = Patience(first=1, longest=8, total=60)
+    patience = RetryPolicy(first=1, longest=8, total=60)
     for attempt, most in enumerate([1, 2, 4, 8, 8, 8]):
-        waits = [patience.wait(attempt, 0) for _ in range(50)]
+        waits = [patience.seconds_before(attempt, 0) for _ in range(50)]
         assert most / 2 <= min(waits) < max(waits) <= most
-    assert patience.wait(0, 5.0) >= 5.0
-    assert patience.wait(10_000, 0) <= 8
+    assert patience.seconds_before(0, 5.0) >= 5.0
+    assert patience.seconds_before(10_000, 0) <= 8
 
 
 def test_nothing_is_asked_before_it_is_needed():

@@ -11,7 +11,7 @@ import pytest
 
 from ssil_data import Accuracy, InvalidInputError, LeverageField
 from ssil_data.demonstrations import finite_matrix
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 
 STORE = 80_000
 
@@ -22,7 +22,7 @@ def field() -> LeverageField:
     states = (rng.normal(size=(STORE, 6)) * [1, 2, 3, 4, 5, 6] + 100).astype(np.float32)
     leverage = (1 / (1 + np.exp(100 - states[:, 0]))).astype(np.float32)
     labeled = np.arange(STORE) < 100
-    return LeverageField(states, leverage, labeled, Standardiser.of(states), 2.0)
+    return LeverageField(states, leverage, labeled, Standardizer.of(states), 2.0)
 
 
 def queries() -> np.ndarray:
@@ -128,8 +128,8 @@ def test_another_alpha_shares_what_is_packed():
     np.testing.assert_array_equal(
         other.lcor(queries()).values, replace(field(), alpha=20.0).lcor(queries()).values
     )
-    assert other._packed is field()._packed
-    assert other._drawing is field()._drawing
+    assert other._references_cache is field()._references_cache
+    assert other._sampled_cache is field()._sampled_cache
     np.testing.assert_array_equal(field().lcor(queries(), tolerance=0.02).values, first)
     with pytest.raises(InvalidInputError, match="alpha: expected a finite number > 0"):
         field().at(-1.0)

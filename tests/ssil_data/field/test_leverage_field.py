@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field.leverage_field import ALPHA_RANGE, LeverageField, auto_alpha
 from ssil_data.kernels import Moments, chunked, cor, lcor_sums, log_kernel
 
@@ -20,7 +20,7 @@ def made(seed: int, count: int, width: int = 5, *, alpha: float = 1.0) -> Levera
     states = (rng.normal(size=(count, width)) * [3.0] * width + 7).astype(np.float32)
     labeled = np.arange(count) < max(1, count // 3)
     leverage = rng.random(count).astype(np.float32)
-    return LeverageField(states, leverage, labeled, Standardiser.of(states), alpha)
+    return LeverageField(states, leverage, labeled, Standardizer.of(states), alpha)
 
 
 def kernel(distance: float, alpha: float) -> float:
@@ -174,7 +174,7 @@ def test_units_do_not_matter():
         field.states * unit,
         field.leverage,
         field.labeled,
-        Standardiser.of(field.states * unit),
+        Standardizer.of(field.states * unit),
         field.alpha,
     )
     np.testing.assert_allclose(
@@ -190,8 +190,8 @@ def test_auto_alpha_makes_an_answer_rest_on_the_wanted_share_of_the_store(share:
         states,
         np.ones(5000, np.float32),
         np.ones(5000, bool),
-        Standardiser.of(states),
-        auto_alpha(Standardiser.of(states)(states), share=share),
+        Standardizer.of(states),
+        auto_alpha(Standardizer.of(states)(states), share=share),
     )
     sizes = field.lcor(queries).effective_sample_size
     assert sizes.mean() / 5000 == pytest.approx(share, rel=0.2)

@@ -12,7 +12,7 @@ import pytest
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError, NotFoundError
-from ssil_data.interop import Imported, Layout, imported, read_columns, read_states
+from ssil_data.interop import Imported, Layout, import_episodes, read_columns, read_states
 
 ROWS = 12
 COLUMNS = {
@@ -48,7 +48,7 @@ def written(path: Path, text: str) -> Path:
 
 
 def read(path: Path, layout: Layout = LAYOUT) -> Imported:
-    return imported(read_columns(path), layout)
+    return import_episodes(read_columns(path), layout)
 
 
 @pytest.mark.parametrize("make", [csv_file, npz_file, parquet_file])

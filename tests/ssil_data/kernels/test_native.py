@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ssil_data.kernels import References
-from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compiled
+from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compile_code
 from ssil_data.kernels.power import General, Power
 from ssil_data.kernels.products import Products
 from ssil_data.kernels.tile import emit
@@ -40,7 +40,7 @@ def test_a_tile_fills_the_registers_it_is_made_for(register: str, power: Power, 
 def test_code_is_compiled_once():
     host = Target.host()
     if host is not None:
-        assert compiled(host, General(), Products.SUMS, direct=True) is compiled(
+        assert compile_code(host, General(), Products.SUMS, direct=True) is compile_code(
             host, General(), Products.SUMS, direct=True
         )
 

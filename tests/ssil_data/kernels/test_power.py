@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ssil_data.kernels import log_kernel
-from ssil_data.kernels.native import Target, compiled
+from ssil_data.kernels.native import Target, compile_code
 from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.passes import Pass
 from ssil_data.kernels.power import General, Power, RootCubed, Whole
@@ -15,7 +15,7 @@ def weights(target: Target, alpha: float, distances: np.ndarray, *, direct: bool
     """Return w of one reference at distances (m,) from as many queries."""
     nothing = np.zeros(1, np.float32)
     panels = Panels.of(np.zeros((1, 1), np.float32), nothing, nothing, target.tile.references)
-    code = compiled(target, Power.of(alpha), Products.SUMS, direct=direct)
+    code = compile_code(target, Power.of(alpha), Products.SUMS, direct=direct)
     queries = distances.astype(np.float32)[:, None]
     (_, once, _), _ = Pass(code, alpha, panels, 1)(queries, np.zeros(len(queries)))
     return once

@@ -190,7 +190,7 @@ def test_any_cut_of_a_batch_gives_the_same_bits(seed: int, alpha: float, threads
         for rows in np.split(order, np.sort(bounds))
     ]
     whole = references.sums(queries, alpha=alpha, contributors=2)
-    assert_equal(Sums.joined(parts), whole.take(order))
+    assert_equal(Sums.join(parts), whole.take(order))
 
 
 @pytest.mark.parametrize("contributors", [1, 10, 65])

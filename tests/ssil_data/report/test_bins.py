@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ssil_data.quality import spearman
 from ssil_data.report.bins import grid, histogram, strips
-from ssil_data.report.segments import correlations, standing, windows
+from ssil_data.report.segments import correlations, rank_among, windows
 
 LENGTHS = np.array([100, 7, 60, 80])
 ALL = np.ones(4, bool)
@@ -72,7 +72,7 @@ def test_standings_correlate_as_spearman_says():
     values = rng.integers(0, 9, (3, 200)).astype(float)
     values[2] = 1.0
     among = np.ones(200, bool)
-    matrix = correlations(np.stack([standing(row, among) for row in values]))
+    matrix = correlations(np.stack([rank_among(row, among) for row in values]))
     assert matrix[0, 1] == pytest.approx(spearman(values[0], values[1]))
     assert matrix[0, 0] == pytest.approx(1)
     assert np.isnan(matrix[2]).all()
@@ -80,7 +80,7 @@ def test_standings_correlate_as_spearman_says():
 
 def test_a_standing_is_the_share_of_the_unlabeled_pairs_below():
     values, among = np.array([0.0, 1.0, 2.0, 3.0, 9.0]), np.array([1, 1, 1, 1, 0], bool)
-    assert standing(values, among).tolist() == [0.125, 0.375, 0.625, 0.875, 1.0]
+    assert rank_among(values, among).tolist() == [0.125, 0.375, 0.625, 0.875, 1.0]
 
 
 def test_a_histogram_counts_every_value_ends_included():

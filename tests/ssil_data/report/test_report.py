@@ -132,7 +132,7 @@ def test_a_dataset_without_labeled_episodes_has_a_page(
 ):
     unlabeled = plain(store, [drive(seed, 30) for seed in range(2)])
     for run in (score(dataset, QUICK), score(dataset, MDN(steps=20))):
-        rescore(unlabeled, dataset, run.run)
+        rescore(unlabeled, dataset, run.name)
     assert "0 in 0 episodes" in reported(unlabeled, tmp_path).text
 
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssil_data.demonstrations import Pairs, joined
+from ssil_data.demonstrations import Pairs, join_pairs
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import ESTIMATORS, GPR, MDN, VAE, WindowVAE
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.scales import Conformal, MinMax
-from ssil_data.scoring import LeverageModel, held_out_split, preset, rescore, score
-from ssil_data.scoring.streaming import stream, with_margins
+from ssil_data.scoring import LeverageModel, preset, rescore, score, split_held_out
+from ssil_data.scoring.streaming import add_margins, stream
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
@@ -25,7 +25,7 @@ KINDS = sorted(ESTIMATORS)
 def test_the_same_seed_gives_the_same_bytes(dataset: Dataset, kind: str):
     estimator = ESTIMATORS[kind]()
     runs = [score(dataset, estimator, seed=seed, run=f"r{i}") for i, seed in enumerate((3, 3, 4))]
-    first, again, other = (dataset.runs.values(run.run) for run in runs)
+    first, again, other = (dataset.runs.values(run.name) for run in runs)
     assert first.equals(again)
     assert runs[0].model == runs[1].model
     if kind != "gpr":
@@ -37,8 +37,8 @@ def test_the_same_seed_gives_the_same_bytes(dataset: Dataset, kind: str):
 def test_every_preset_of_every_estimator_scores_every_pair(dataset: Dataset, kind: str, name: str):
     recipe = preset(name, kind)
     run = score(dataset, recipe.estimator, scale=recipe.scale, labeled_is_one=recipe.labeled_is_one)
-    assert (run.preset, run.run, run.pairs, run.labeled) == (name, kind, len(dataset), 120)
-    leverage = dataset.leverage(run.run)
+    assert (run.preset, run.name, run.pairs, run.labeled) == (name, kind, len(dataset), 120)
+    leverage = dataset.leverage(run.name)
     assert leverage.shape == (len(dataset),)
     assert (leverage >= 0).all()
     assert (leverage <= 1).all()
@@ -51,9 +51,9 @@ def test_every_preset_of_every_estimator_scores_every_pair(dataset: Dataset, kin
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_stored_model_gives_pairs_the_leverage_of_the_run(dataset: Dataset, kind: str):
     run = score(dataset, ESTIMATORS[kind]())
-    scored = LeverageModel.of(dataset, run.run)(dataset.pairs())
-    np.testing.assert_array_equal(scored.leverage, dataset.leverage(run.run))
-    values = dataset.runs.values(run.run)
+    scored = LeverageModel.of(dataset, run.name)(dataset.pairs())
+    np.testing.assert_array_equal(scored.leverage, dataset.leverage(run.name))
+    values = dataset.runs.values(run.name)
     np.testing.assert_array_equal(scored.uncertainty, values["uncertainty"])
     for part in ("aleatoric", "epistemic"):
         assert (part in scored.parts) == (values[part].null_count == 0)
@@ -64,9 +64,9 @@ def test_a_fitted_model_scores_another_dataset_unchanged(dataset: Dataset, store
     other = store.create(
         "other", [drive(50, 40)], state_names=STATE_NAMES, action_names=ACTION_NAMES
     )
-    again = rescore(other, dataset, run.run)
-    expected = LeverageModel.of(dataset, run.run)(other.pairs()).leverage
-    np.testing.assert_array_equal(other.leverage(again.run), expected)
+    again = rescore(other, dataset, run.name)
+    expected = LeverageModel.of(dataset, run.name)(other.pairs()).leverage
+    np.testing.assert_array_equal(other.leverage(again.name), expected)
     assert again.model == run.model
     assert again.fitted_scale == run.fitted_scale
 
@@ -74,8 +74,8 @@ def test_a_fitted_model_scores_another_dataset_unchanged(dataset: Dataset, store
 def test_a_fitted_model_scores_the_next_version_of_its_dataset(dataset: Dataset):
     run = score(dataset, GPR())
     newer = dataset.append([drive(99, 7)])
-    again = rescore(newer, newer, run.run)
-    assert (again.run, again.dataset_version, again.pairs) == ("gpr-2", newer.version, 427)
+    again = rescore(newer, newer, run.name)
+    assert (again.name, again.dataset_version, again.pairs) == ("gpr-2", newer.version, 427)
 
 
 def test_runs_without_a_name_that_end_at_once_take_different_ones(dataset: Dataset):
@@ -83,7 +83,7 @@ def test_runs_without_a_name_that_end_at_once_take_different_ones(dataset: Datas
         if what == "score" and done == of:
             score(dataset, GPR())
 
-    assert score(dataset, GPR(), progress=another).run in ("gpr", "gpr-2")
+    assert score(dataset, GPR(), progress=another).name in ("gpr", "gpr-2")
     assert sorted(dataset.runs.names()) == ["gpr", "gpr-2"]
 
 
@@ -91,7 +91,7 @@ def test_conformal_leverage_of_fresh_expert_pairs_is_near_uniform(store: Store):
     expert = [drive(seed, 80, labeled=seed < 20) for seed in range(60)]
     made = store.create("e", expert, state_names=STATE_NAMES, action_names=ACTION_NAMES)
     run = score(made, VAE(), scale=Conformal(held_out=0.5))
-    fresh = made.leverage(run.run)[~made.per_pair("labeled").astype(bool)]
+    fresh = made.leverage(run.name)[~made.per_pair("labeled").astype(bool)]
     assert 0.35 < fresh.mean() < 0.65
 
 
@@ -101,18 +101,18 @@ def test_margins_are_the_neighbouring_rows(count: int, size: int, margin: int):
     pairs = Pairs(rows[:, None], rows[:, None], rows // 5, rows % 5)
     batches = [pairs[i : i + size] for i in range(0, count, size)]
     inner = []
-    for (batch, own), plain in zip(with_margins(batches, margin), batches, strict=True):
+    for (batch, own), plain in zip(add_margins(batches, margin), batches, strict=True):
         np.testing.assert_array_equal(batch[own].states, plain.states)
         assert own.start == min(margin, int(plain.states[0, 0]), size)
         inner.append(batch[own])
-    np.testing.assert_array_equal(joined(inner).states, pairs.states)
+    np.testing.assert_array_equal(join_pairs(inner).states, pairs.states)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_stream_does_not_depend_on_its_batches(dataset: Dataset, kind: str):
     fitted = ESTIMATORS[kind]().fit(dataset.labeled(), seed=0)
     pairs = dataset.pairs()
-    expected = Standardiser.of(pairs.states)
+    expected = Standardizer.of(pairs.states)
     for rows in (1, 13, 10_000):
         seen: list[int] = []
         answer = stream(dataset.batches(rows=rows), fitted, count=len(pairs), seen=seen.append)
@@ -120,7 +120,7 @@ def test_the_stream_does_not_depend_on_its_batches(dataset: Dataset, kind: str):
         tolerance = 5e-3 if kind == "gpr" else 2e-4
         expected_total = fitted.uncertainty(pairs).total
         np.testing.assert_allclose(answer.uncertainty, expected_total, rtol=tolerance, atol=1e-5)
-        found = Standardiser.of_moments(answer.mean, answer.variance)
+        found = Standardizer.of_moments(answer.mean, answer.variance)
         np.testing.assert_allclose(found.scale, expected.scale, rtol=1e-6)
         np.testing.assert_array_equal(answer.sample, pairs.states)
         assert seen[-1] == len(pairs)
@@ -130,11 +130,11 @@ def test_a_held_out_split_keeps_episodes_whole():
     episode = np.repeat(np.arange(10), 30)
     step = np.tile(np.arange(30), 10)
     pairs = Pairs(np.ones((300, 2)), np.ones((300, 1)), episode, step)
-    fit, held_out = held_out_split(pairs, share=0.2, seed=1)
+    fit, held_out = split_held_out(pairs, share=0.2, seed=1)
     assert not set(fit.episode) & set(held_out.episode)
     assert len(fit) + len(held_out) == 300
     assert len(held_out) in (60, 90)
-    fit, held_out = held_out_split(pairs[:30], share=0.2, seed=1)
+    fit, held_out = split_held_out(pairs[:30], share=0.2, seed=1)
     assert (len(fit), len(held_out)) == (24, 6)
 
 
@@ -154,7 +154,7 @@ def test_a_taken_name_is_refused_before_anything_is_fitted(dataset: Dataset, mon
 
 
 def test_runs_are_numbered_unless_they_are_named(dataset: Dataset):
-    assert [score(dataset, GPR()).run for _ in range(3)] == ["gpr", "gpr-2", "gpr-3"]
+    assert [score(dataset, GPR()).name for _ in range(3)] == ["gpr", "gpr-2", "gpr-3"]
 
 
 def test_unknown_presets_and_estimators_are_refused():

@@ -39,7 +39,7 @@ def test_what_is_no_dataset_is_not_deleted(name: str, error: type[Exception], st
 
 
 def test_a_dataset_is_not_deleted_while_somebody_writes(store: Store, dataset: Dataset):
-    with store.writing("drives") as first, store.writing("drives"):
+    with store.open_for_writing("drives") as first, store.open_for_writing("drives"):
         with pytest.raises(ConflictError, match="drives"):
             store.delete("drives")
         assert len(first.append([drive(9, 4)])) == len(dataset) + 4
@@ -47,7 +47,7 @@ def test_a_dataset_is_not_deleted_while_somebody_writes(store: Store, dataset: D
 
 
 def test_an_error_of_a_writer_frees_the_dataset(store: Store, dataset: Dataset):
-    with pytest.raises(BlockingIOError, match="the writer's own"), store.writing("drives"):
+    with pytest.raises(BlockingIOError, match="the writer's own"), store.open_for_writing("drives"):
         raise BlockingIOError("the writer's own")
     store.delete("drives")
 
@@ -55,7 +55,7 @@ def test_an_error_of_a_writer_frees_the_dataset(store: Store, dataset: Dataset):
 def test_a_writer_in_another_process_counts_until_it_ends(store: Store, dataset: Dataset):
     code = (
         "import sys, ssil_data.store as s\n"
-        "with s.Store(sys.argv[1]).writing('drives'): print('writes', flush=True); input()"
+        "with s.Store(sys.argv[1]).open_for_writing('drives'): print('writes', flush=True); input()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code, str(place(store))],
@@ -68,7 +68,7 @@ def test_a_writer_in_another_process_counts_until_it_ends(store: Store, dataset:
         writer.kill()
         writer.wait()
         store.delete("drives")
-    with pytest.raises(NotFoundError), store.writing("drives"):
+    with pytest.raises(NotFoundError), store.open_for_writing("drives"):
         raise AssertionError("opened")
 
 
@@ -162,7 +162,7 @@ def test_commands_that_write_are_refused_a_dataset_that_is_being_deleted(
     np.savez(tmp_path / "more.npz", allow_pickle=False, **arrays)
     monkeypatch.chdir(tmp_path)
     named = ["--name", "drives"] if words[0] == "import" else []
-    with store._held("drives", alone=True), pytest.raises(SystemExit) as status:
+    with store._lock_dataset("drives", alone=True), pytest.raises(SystemExit) as status:
         main([*words, *named, "--store", str(place(store))])
     assert status.value.code == 2
     assert "expected it free, found it being deleted" in " ".join(capsys.readouterr().err.split())

@@ -36,7 +36,7 @@ for number in range(first, first + count):
 
 def record(dataset: Dataset, name: str, **changes: Any) -> Run:
     run = Run(
-        run=name,
+        name=name,
         dataset=dataset.name,
         dataset_version=dataset.version,
         estimator={"kind": "vae"},
@@ -97,7 +97,7 @@ def test_a_run_gives_back_what_it_was_given(dataset: Dataset):
     assert dataset.runs.model(run) == MODEL
     assert dataset.leverage("vae").tolist() == [0.25] * len(dataset)
     assert dataset.runs.values("vae")["step"].to_pylist() == dataset.pairs().step.tolist()
-    assert [run.run for run in dataset.runs] == ["vae"]
+    assert [run.name for run in dataset.runs] == ["vae"]
     assert dataset.field("vae").lcor(dataset.pairs().states[:3]).values == pytest.approx(0.25)
 
 
@@ -106,7 +106,7 @@ def test_a_name_is_used_once(dataset: Dataset):
     with pytest.raises(ConflictError, match="found 'vae'"):
         write(dataset, "vae", 0.9)
     assert set(dataset.leverage("vae").tolist()) == {0.5}
-    assert dataset.runs.unused("vae") == "vae-2"
+    assert dataset.runs.free_name("vae") == "vae-2"
 
 
 def test_of_two_writers_of_one_name_one_wins_whole(dataset: Dataset):
@@ -118,7 +118,7 @@ def test_of_two_writers_of_one_name_one_wins_whole(dataset: Dataset):
         dataset.runs.commit(record(dataset, "vae", seed=1), b"other", slow_values())
     assert set(dataset.leverage("vae").tolist()) == {0.75}
     assert dataset.runs["vae"].seed == 0
-    assert dataset.runs.damaged() == []
+    assert dataset.runs.find_damage() == []
 
 
 def test_a_run_of_another_version_is_refused(dataset: Dataset):
@@ -129,7 +129,7 @@ def test_a_run_of_another_version_is_refused(dataset: Dataset):
     with pytest.raises(ConflictError):
         newer.field("vae")
     assert list(newer.runs) == []
-    assert [run.run for run in newer.runs.all()] == ["vae"]
+    assert [run.name for run in newer.runs.all()] == ["vae"]
     assert newer.at(dataset.version).leverage("vae").shape == (len(dataset),)
 
 
@@ -150,11 +150,11 @@ def test_a_damaged_model_or_record_is_found(dataset: Dataset):
     for path in (dataset.folder.local / "models" / "vae").iterdir():
         whole = path.read_bytes()
         path.write_bytes(whole[:-1] + b"?")
-        assert any(path.name in line for line in dataset.damaged())
+        assert any(path.name in line for line in dataset.find_damage())
         with pytest.raises(DamagedError, match=path.name):
             dataset.runs.model(dataset.runs["vae"])
         path.write_bytes(whole)
-    assert dataset.damaged() == []
+    assert dataset.find_damage() == []
 
 
 def test_after_a_kill_at_any_moment_runs_are_whole_or_absent(dataset: Dataset):
@@ -171,13 +171,13 @@ def test_after_a_kill_at_any_moment_runs_are_whole_or_absent(dataset: Dataset):
         acknowledged |= set(process.stdout.read().split())
         process.wait()
         process.stdout.close()
-        shown = {run.run for run in Dataset(dataset.folder).runs}
+        shown = {run.name for run in Dataset(dataset.folder).runs}
         assert acknowledged <= shown
         assert len(shown - acknowledged) <= round_ + 1
     assert acknowledged
     for name in shown:
         assert len(dataset.leverage(name)) == len(dataset)
-    assert Dataset(dataset.folder).damaged() == []
+    assert Dataset(dataset.folder).find_damage() == []
 
 
 def test_two_processes_write_runs_at_once_and_none_is_lost(dataset: Dataset):
@@ -213,7 +213,7 @@ def test_an_object_store_holds_datasets_and_runs(monkeypatch: pytest.MonkeyPatch
         assert store.names() == ["drives"]
         assert store["drives"].version == dataset.version
         assert store["drives"].leverage("vae").shape == (30,)
-        assert store["drives"].damaged() == []
+        assert store["drives"].find_damage() == []
         with pytest.raises(ConflictError):
             store.create("drives", [drive(0, 30)], **names)
     finally:
@@ -224,7 +224,7 @@ def test_the_settings_file_is_plain_json(dataset: Dataset):
     write(dataset, "vae")
     (path,) = (Path(dataset.folder.uri) / "models" / "vae").glob("settings-*.json")
     assert json.loads(path.read_text())["run"] == "vae"
-    assert Runs(dataset.folder, dataset.version)["vae"].run == "vae"
+    assert Runs(dataset.folder, dataset.version)["vae"].name == "vae"
 
 
 __all__ = ["Dataset", "Folder", "write"]

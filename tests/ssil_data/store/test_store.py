@@ -16,7 +16,7 @@ from ssil_data.estimators import VAE
 from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.delta_table import Table
+from ssil_data.store.delta_table import VersionedTable
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
 
@@ -73,10 +73,10 @@ def test_rewards_and_positions_are_optional(store: Store):
         Episode(np.ones((4, 3)), np.ones((4, 2)), rewards=np.arange(4), positions=np.ones((4, 2))),
     )
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
-    assert store.create("mixed", [plain, rich], **names).recorded("position") is None
+    assert store.create("mixed", [plain, rich], **names).read_recorded("position") is None
     recorded = store.create("rich", [rich], **names)
-    assert recorded.recorded("reward").tolist() == [0, 1, 2, 3]
-    assert recorded.recorded("position").shape == (4, 2)
+    assert recorded.read_recorded("reward").tolist() == [0, 1, 2, 3]
+    assert recorded.read_recorded("position").shape == (4, 2)
 
 
 def test_any_delta_reader_opens_the_tables(dataset: Dataset):
@@ -133,15 +133,15 @@ def test_the_version_is_a_fingerprint_of_the_contents(store: Store):
 def test_rows_of_an_append_that_was_killed_between_its_tables_are_never_read(
     dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ):
-    append = Table.append
+    append = VersionedTable.append
 
-    def killed(table: Table, *given: Any, **named: Any) -> None:
+    def killed(table: VersionedTable, *given: Any, **named: Any) -> None:
         if table.folder.uri.endswith("episodes"):
             raise KeyboardInterrupt
         append(table, *given, **named)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Table, "append", killed)
+        patch.setattr(VersionedTable, "append", killed)
         with pytest.raises(KeyboardInterrupt):
             dataset.append([drive(99, 7)])
     reopened = Dataset(dataset.folder)
@@ -236,7 +236,7 @@ def test_a_log_that_promises_more_rows_than_there_are_is_damage(dataset: Dataset
     entry.write_text(entry.read_text().replace('\\"numRecords\\": 420', '\\"numRecords\\": 421'))
     reopened = Dataset(dataset.folder)
     assert len(reopened) == 421
-    assert "expected 421 rows as logged, found 420" in reopened.damaged()[0]
+    assert "expected 421 rows as logged, found 420" in reopened.find_damage()[0]
     with pytest.raises(DamagedError, match="pairs: expected 421 as logged, found 420"):
         score(reopened, VAE())
 
@@ -278,16 +278,16 @@ def test_a_store_that_cannot_be_is_refused():
 def test_every_flipped_bit_is_found(dataset: Dataset):
     (path,) = (local(dataset) / "pairs").glob("*.parquet")
     whole = path.read_bytes()
-    assert dataset.damaged() == []
+    assert dataset.find_damage() == []
     for place in np.random.default_rng(0).integers(0, len(whole), 20):
         flipped = bytearray(whole)
         flipped[place] ^= 1
         path.write_bytes(flipped)
-        assert any(path.name in line for line in dataset.damaged())
+        assert any(path.name in line for line in dataset.find_damage())
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(DamagedError, match=r"part-.*parquet"):
         Dataset(dataset.folder).pairs()
     path.unlink()
-    assert any("found no file" in line for line in dataset.damaged())
+    assert any("found no file" in line for line in dataset.find_damage())
     with pytest.raises(DamagedError, match="found none"):
         Dataset(dataset.folder).pairs()

@@ -7,15 +7,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from ssil_data.client.wire import ARROW, encoded, states_table
-from ssil_service.formats.arrow_template import Forms
+from ssil_data.client.wire import ARROW, encode, states_table
+from ssil_service.formats.arrow_template import ArrowTemplates
 
 COR = "v1/datasets/drives/runs/vae/cor"
 
 
 def body_of(states: np.ndarray) -> bytes:
     """Return states as clients send them."""
-    return encoded(states_table(states)).to_pybytes()
+    return encode(states_table(states)).to_pybytes()
 
 
 def numbers_in(body: bytes) -> np.ndarray:
@@ -25,7 +25,7 @@ def numbers_in(body: bytes) -> np.ndarray:
 
 
 def test_a_body_of_a_known_form_has_the_numbers_that_arrow_finds(states: np.ndarray):
-    forms = Forms()
+    forms = ArrowTemplates()
     first, second = body_of(states), body_of(states[::-1])
     assert forms.numbers(first, 3) is None
     forms.learn(first, numbers_in(first), 3)
@@ -39,7 +39,7 @@ def test_a_body_of_a_known_form_has_the_numbers_that_arrow_finds(states: np.ndar
 
 
 def test_any_byte_beside_the_numbers_makes_another_form(states: np.ndarray):
-    forms, body = Forms(), body_of(states)
+    forms, body = ArrowTemplates(), body_of(states)
     forms.learn(body, numbers_in(body))
     first = body.index(states.tobytes())
     among = range(first, first + states.nbytes)
@@ -49,7 +49,7 @@ def test_any_byte_beside_the_numbers_makes_another_form(states: np.ndarray):
 
 
 def test_numbers_that_were_copied_teach_nothing(states: np.ndarray):
-    forms, body = Forms(), body_of(states)
+    forms, body = ArrowTemplates(), body_of(states)
     forms.learn(body, numbers_in(body).copy())
     assert forms.numbers(body) is None
     empty = body_of(states[:0])
@@ -58,9 +58,9 @@ def test_numbers_that_were_copied_teach_nothing(states: np.ndarray):
 
 
 def test_so_many_forms_are_remembered_and_only_short_ones(states: np.ndarray):
-    forms, body = Forms(), body_of(states)
+    forms, body = ArrowTemplates(), body_of(states)
     noted = states_table(states).append_column("note", [["x" * 300] * len(states)])
-    long = encoded(noted).to_pybytes()
+    long = encode(noted).to_pybytes()
     forms.learn(long, numbers_in(long))
     assert not forms._known
     for condition in range(1000):

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from ssil_data.client.wire import ARROW, JSON, encoded, rows_of_matrix
-from ssil_service import embedded
+from ssil_data.client.wire import ARROW, JSON, encode, rows_of_matrix
+from ssil_service import embed
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
 SCORE = "v1/datasets/drives/runs/vae/score"
@@ -80,12 +80,12 @@ def test_a_body_of_mistakes_costs_little_and_stalls_nobody(name: str, asked: htt
 def test_arrow_cells_that_are_no_numbers_are_named_a_hundred_at_most(asked: httpx.Client):
     table = pa.table({"state": rows_of_matrix(np.full((65_536, 3), np.nan, np.float32))})
     headers = {"Content-Type": ARROW}
-    answer = asked.post(LCOR, content=encoded(table).to_pybytes(), headers=headers)
+    answer = asked.post(LCOR, content=encode(table).to_pybytes(), headers=headers)
     assert (answer.status_code, len(answer.json()["errors"])) == (422, 100)
 
 
 def test_json_has_a_smaller_limit_than_other_bodies_and_it_is_told(folder: Path):
-    with embedded(folder, json_bytes=2000) as store:
+    with embed(folder, json_bytes=2000) as store:
         http = store.connection.client
         limits = http.get("v1/limits").json()
         assert (limits["json_bytes"], limits["run_bytes"]) == (2000, 65_536)
@@ -93,7 +93,7 @@ def test_json_has_a_smaller_limit_than_other_bodies_and_it_is_told(folder: Path)
         assert asked_json(http, LCOR, large).status_code == 413
         assert asked_json(http, LCOR, large[:1000]).status_code == 422
         table = pa.table({"state": rows_of_matrix(np.ones((200, 3), np.float32))})
-        content, headers = encoded(table).to_pybytes(), {"Content-Type": ARROW}
+        content, headers = encode(table).to_pybytes(), {"Content-Type": ARROW}
         assert len(content) > 2000
         assert http.post(LCOR, content=content, headers=headers).status_code == 200
         before = {"Inference-Header-Content-Length": str(len(large))}
@@ -104,6 +104,6 @@ def test_json_has_a_smaller_limit_than_other_bodies_and_it_is_told(folder: Path)
 def test_contributors_of_too_many_rows_are_refused(asked: httpx.Client):
     table = pa.table({"state": rows_of_matrix(np.ones((60_000, 3), np.float32))})
     headers = {"Content-Type": ARROW, "Accept": JSON}
-    content = encoded(table).to_pybytes()
+    content = encode(table).to_pybytes()
     answer = asked.post(LCOR, params={"contributors": 256}, content=content, headers=headers)
     assert answer.status_code == 413

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from ssil_data.client.wire import ARROW, JSON
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.formats import inference_tensors as tensors
 from ssil_service.problems import Problem
-from ssil_service.queries.admission import Gate
+from ssil_service.queries.admission import BoundedExecutor
 from ssil_service.routes import bodies as intake
-from ssil_service.routes.bodies import off_loop
+from ssil_service.routes.bodies import run_off_loop
 from ssil_service.routes.pages import most_rows
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
@@ -37,8 +37,8 @@ def test_long_json_is_read_and_written_one_at_a_time():
             busy -= 1
 
     async def crowd() -> list[Any]:
-        place = Gate(1, 3)
-        asked = [off_loop(2**20, work, place) for _ in range(6)]
+        place = BoundedExecutor(1, 3)
+        asked = [run_off_loop(2**20, work, place) for _ in range(6)]
         found = await asyncio.gather(*asked, return_exceptions=True)
         place.close(1)
         return found
@@ -50,9 +50,9 @@ def test_long_json_is_read_and_written_one_at_a_time():
 
 def test_nothing_is_collected_while_long_json_is_read():
     async def ask(work: Any) -> Any:
-        place = Gate(1, 0)
+        place = BoundedExecutor(1, 0)
         try:
-            return await off_loop(2**20, work, place)
+            return await run_off_loop(2**20, work, place)
         finally:
             place.close(1)
 
@@ -67,7 +67,7 @@ def test_nothing_is_collected_while_long_json_is_read():
 def crowded(scored: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
     """Start a service whose place for long JSON is taken, and to which everything is long."""
     monkeypatch.setattr(intake, "_INLINE", 0)
-    with embedded(scored, jobs=1) as store:
+    with embed(scored, jobs=1) as store:
         http = store.connection.client
         transport: Any = http._transport
         transport._app.app.state.context.texts.admitted = 100

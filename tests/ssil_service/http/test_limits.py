@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from ssil_service.http import limits as exchange
-from ssil_service.http.limits import Exchange, Held, SlowError
+from ssil_service.http.limits import MemoryBudget, RequestLimits, SlowClientError
 from ssil_service.settings import Settings
 
 SCOPE = {"type": "http", "method": "GET", "path": "/", "headers": [(b"x-request-id", b"mine")]}
@@ -24,8 +24,8 @@ def sent(size: int, *, seconds: float, method: str = "GET", **settings: Any) -> 
         raise AssertionError("nothing is received")
 
     async def answer() -> None:
-        held = Held(10**9)
-        here = Exchange({**SCOPE, "method": method}, receive, send, Settings(**settings), held)
+        held = MemoryBudget(10**9)
+        here = RequestLimits({**SCOPE, "method": method}, receive, send, Settings(**settings), held)
         length = (b"content-length", str(size).encode())
         await here.send({"type": "http.response.start", "status": 200, "headers": [length]})
         assert held.bytes == size
@@ -53,5 +53,5 @@ def test_a_head_is_sent_without_its_body():
 def test_a_client_may_be_slow_but_not_slower_than_the_slowest(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(exchange, "_SLOWEST", 65_536 * 50)  # a part in twenty milliseconds
     assert len(sent(20 * 65_536, seconds=0.01, send_seconds=0.2)) == 21
-    with pytest.raises(SlowError):
+    with pytest.raises(SlowClientError):
         sent(20 * 65_536, seconds=0.06, send_seconds=0.2)

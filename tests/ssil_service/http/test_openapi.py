@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from ssil_service import embedded
+from ssil_service import embed
 
 LCOR = "/v1/datasets/{dataset}/runs/{run}/lcor"
 MODEL = "/v2/models/{model}"
@@ -38,7 +38,7 @@ def test_other_methods_and_head_are_documented(asked: httpx.Client):
 
 
 def test_with_keys_a_foreign_page_may_ask_and_the_document_knows(folder: Path):
-    with embedded(folder, read_key="reads-and-asks-only") as store:
+    with embed(folder, read_key="reads-and-asks-only") as store:
         http = store.connection.client
         headers = FOREIGN | {"X-API-Key": "reads-and-asks-only"}
         path = LCOR.format(dataset="drives", run="vae")

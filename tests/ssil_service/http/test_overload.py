@@ -14,20 +14,20 @@ import pytest
 from fastapi import FastAPI, Request
 from starlette.responses import Response
 
-from ssil_service import embedded
-from ssil_service.http.middleware import Edge
+from ssil_service import embed
+from ssil_service.http.middleware import Middleware
 from ssil_service.metrics import Metrics
 from ssil_service.problems import Problem
-from ssil_service.queries.admission import Gate
+from ssil_service.queries.admission import BoundedExecutor
 from ssil_service.server.embedded import EmbeddedTransport
 from ssil_service.settings import Settings
 from ssil_service.workers.decoding import Decoder
-from ssil_service.workers.lease import State
+from ssil_service.workers.lease import ServerLease
 
 
 def test_a_full_gate_refuses_at_once_with_a_time_to_wait():
     async def overload() -> list[BaseException | None]:
-        gate = Gate(computing=1, waiting=2)
+        gate = BoundedExecutor(computing=1, waiting=2)
         tasks = [asyncio.ensure_future(gate.run(lambda: time.sleep(0.05))) for _ in range(6)]
         done = await asyncio.gather(*tasks, return_exceptions=True)
         gate.close(1)
@@ -71,7 +71,7 @@ def slow() -> Iterator[tuple[Callable[..., httpx.Client], Event]]:
         return Response(metrics.text())
 
     def start(**settings: Any) -> httpx.Client:
-        edge = Edge(app, Settings(**settings), metrics, None)
+        edge = Middleware(app, Settings(**settings), metrics, None)
         made.append(httpx.Client(transport=EmbeddedTransport(edge), base_url="http://here"))
         return made[-1]
 
@@ -168,7 +168,7 @@ def test_what_may_be_made_is_not_asked_again_at_the_end(
         inner: Any = FastAPI()
         inner.state.shortcut, inner.state.context = app, SimpleNamespace(closing=True)
         scope = {"type": "http", "method": method, "path": path, "headers": []}
-        edge = Edge(inner, Settings(), Metrics(), None)
+        edge = Middleware(inner, Settings(), Metrics(), None)
         asking = asyncio.ensure_future(edge(scope, receive, send))
         await begun.wait()
         asking.cancel()
@@ -181,7 +181,7 @@ def test_what_may_be_made_is_not_asked_again_at_the_end(
 
 
 def test_event_streams_have_places_of_their_own(folder: Path):
-    with embedded(folder, requests=1, event_streams=1) as store:
+    with embed(folder, requests=1, event_streams=1) as store:
         http = store.connection.client
         body = {"estimator": {"kind": "vae", "steps": 3000}}
         job = http.post("v1/datasets/drives/runs", json=body).json()["job"]
@@ -194,7 +194,7 @@ def test_event_streams_have_places_of_their_own(folder: Path):
 
 
 def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
-    state, received = State(tmp_path), Event()
+    state, received = ServerLease(tmp_path), Event()
 
     async def endless() -> AsyncIterator[bytes]:
         while not received.is_set():

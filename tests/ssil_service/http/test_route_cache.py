@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 import ssil_data as sd
-from ssil_service import embedded
+from ssil_service import embed
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
 BODY = {"states": [[1.0, 2.0, 3.0]]}
@@ -47,7 +47,7 @@ def test_refusals_are_the_same_on_both_ways(http: httpx.Client, local: sd.Store)
 
 
 def test_the_shorter_way_is_nobody_elses(folder: Path):
-    with embedded(folder, read_key=READ_KEY, write_key=OTHER_KEY) as store:
+    with embed(folder, read_key=READ_KEY, write_key=OTHER_KEY) as store:
         http = store.connection.client
 
         def status(headers: dict[str, str]) -> int:

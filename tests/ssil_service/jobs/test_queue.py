@@ -14,14 +14,14 @@ from typing import Any
 import pytest
 
 import ssil_data as sd
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.jobs import journal
 from ssil_service.jobs.journal import JobRecord, Journal
-from ssil_service.jobs.queue import Board, Order
+from ssil_service.jobs.queue import JobQueue, JobRequest
 from ssil_service.jobs.runner import Runner
 from ssil_service.problems import Problem
 from ssil_service.workers import pool
-from ssil_service.workers.lease import State
+from ssil_service.workers.lease import ServerLease
 from ssil_service.workers.pool import Pool, TaskError, Worker
 from ssil_service.workers.tasks import make_run
 
@@ -49,7 +49,7 @@ def nothing(**arguments: Any) -> None:
     pass
 
 
-def order(folder: Path, run: str | None = None, **body: Any) -> Order:
+def order(folder: Path, run: str | None = None, **body: Any) -> JobRequest:
     settings = sd.VAE(steps=20)
     fit = {
         "estimator": {"kind": "vae", **vars(settings)},
@@ -58,17 +58,17 @@ def order(folder: Path, run: str | None = None, **body: Any) -> Order:
         "seed": 0,
     }
     version = sd.Store(folder)["drives"].version
-    return Order("drives", version, body or fit, run, "vae", f"{run} {body}")
+    return JobRequest("drives", version, body or fit, run, "vae", f"{run} {body}")
 
 
 @pytest.fixture
-def opened(folder: Path) -> Iterator[Callable[..., Board]]:
+def opened(folder: Path) -> Iterator[Callable[..., JobQueue]]:
     """Boards on one store, each of a server of its own."""
-    boards: list[Board] = []
+    boards: list[JobQueue] = []
 
-    def board(*works: Work, running: int = 1, server: State | None = None) -> Board:
-        state = server or State(folder / ".service")
-        boards.append(Board(str(folder), state, Scripted(*works), running, 8))
+    def board(*works: Work, running: int = 1, server: ServerLease | None = None) -> JobQueue:
+        state = server or ServerLease(folder / ".service")
+        boards.append(JobQueue(str(folder), state, Scripted(*works), running, 8))
         boards[-1].start()
         return boards[-1]
 
@@ -78,7 +78,7 @@ def opened(folder: Path) -> Iterator[Callable[..., Board]]:
         each.state.close()
 
 
-def ended(board: Board, job: dict[str, Any]) -> dict[str, Any]:
+def ended(board: JobQueue, job: dict[str, Any]) -> dict[str, Any]:
     deadline = time.monotonic() + 20
     while (found := board.get(job["job"]))["state"] in ("queued", "running"):
         assert time.monotonic() < deadline, found
@@ -99,7 +99,7 @@ def after(first: Work, then: Work) -> Work:
 
 @pytest.mark.parametrize("body", [{}, {"fitted": {"dataset": None, "run": "vae"}}])
 def test_a_job_that_was_cut_off_does_not_claim_anothers_run(
-    body: dict[str, Any], folder: Path, opened: Callable[..., Board]
+    body: dict[str, Any], folder: Path, opened: Callable[..., JobQueue]
 ):
     """Somebody makes the same run, under another name, while the job runs and dies."""
 
@@ -114,7 +114,7 @@ def test_a_job_that_was_cut_off_does_not_claim_anothers_run(
 
 @pytest.mark.parametrize("body", [{}, {"fitted": {"dataset": None, "run": "vae"}}])
 def test_a_job_that_was_cut_off_after_its_commit_has_succeeded(
-    body: dict[str, Any], folder: Path, opened: Callable[..., Board]
+    body: dict[str, Any], folder: Path, opened: Callable[..., JobQueue]
 ):
     board = opened(after(make_run, crash))
     done = ended(board, board.submit(order(folder, None, **body), None))
@@ -122,7 +122,7 @@ def test_a_job_that_was_cut_off_after_its_commit_has_succeeded(
 
 
 def test_a_run_of_that_name_that_was_made_otherwise_is_not_the_jobs(
-    folder: Path, opened: Callable[..., Board]
+    folder: Path, opened: Callable[..., JobQueue]
 ):
     def otherwise(**arguments: Any) -> None:
         sd.score(sd.Store(folder)["drives"], sd.VAE(steps=5), run=arguments["run"])
@@ -131,7 +131,7 @@ def test_a_run_of_that_name_that_was_made_otherwise_is_not_the_jobs(
     assert ended(board, board.submit(order(folder), None))["state"] == "failed"
 
 
-def test_a_refused_job_claims_nothing(folder: Path, opened: Callable[..., Board]):
+def test_a_refused_job_claims_nothing(folder: Path, opened: Callable[..., JobQueue]):
     """The name is taken by somebody who did just the same: that is a conflict all the same."""
     board = opened(after(make_run, make_run))
     done = ended(board, board.submit(order(folder, "mine"), None))
@@ -139,7 +139,7 @@ def test_a_refused_job_claims_nothing(folder: Path, opened: Callable[..., Board]
 
 
 def test_an_automatic_name_that_somebody_outside_took_is_given_up_for_another(
-    folder: Path, opened: Callable[..., Board]
+    folder: Path, opened: Callable[..., JobQueue]
 ):
     board = opened(after(make_run, make_run), make_run)
     job = board.submit(order(folder), None)
@@ -149,9 +149,9 @@ def test_an_automatic_name_that_somebody_outside_took_is_given_up_for_another(
 
 
 def test_a_name_taken_while_the_job_waited_is_given_up_before_it_starts(
-    folder: Path, opened: Callable[..., Board]
+    folder: Path, opened: Callable[..., JobQueue]
 ):
-    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    dead = JobQueue(str(folder), ServerLease(folder / ".service"), Scripted(), 1, 8)
     job = dead.submit(order(folder), None)
     dead.state.release()
     sd.score(sd.Store(folder)["drives"], sd.VAE(steps=5), run="vae-2")
@@ -159,7 +159,7 @@ def test_a_name_taken_while_the_job_waited_is_given_up_before_it_starts(
     assert ended(board, job)["run"] == "vae-3"
 
 
-def test_no_two_jobs_of_any_servers_have_one_name(folder: Path, opened: Callable[..., Board]):
+def test_no_two_jobs_of_any_servers_have_one_name(folder: Path, opened: Callable[..., JobQueue]):
     first, second = opened(running=0), opened(running=0)
     names = [board.submit(order(folder), None)["run"] for board in (first, second, first)]
     assert names == ["vae-2", "vae-3", "vae-4"]
@@ -183,7 +183,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Callable[[JobRecord], boo
 
 @pytest.mark.parametrize("state", ["running", "succeeded"])
 def test_a_journal_that_cannot_be_written_does_not_stop_the_queue(
-    state: str, folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+    state: str, folder: Path, opened: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
     board = opened(make_run, make_run)
     with monkeypatch.context() as patch:
@@ -198,7 +198,7 @@ def test_a_journal_that_cannot_be_written_does_not_stop_the_queue(
 
 @pytest.mark.parametrize("what", ["submit", "cancel"])
 def test_nothing_is_acknowledged_that_is_not_in_the_journal(
-    what: str, folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+    what: str, folder: Path, opened: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
     board = opened(running=0)
     job = board.submit(order(folder), None)
@@ -209,7 +209,7 @@ def test_nothing_is_acknowledged_that_is_not_in_the_journal(
     assert [each["state"] for each in board.all()] == ["queued"]
 
 
-def test_any_error_of_a_job_is_its_own(folder: Path, opened: Callable[..., Board]):
+def test_any_error_of_a_job_is_its_own(folder: Path, opened: Callable[..., JobQueue]):
     def odd(**arguments: Any) -> None:
         raise ZeroDivisionError("/a/place/on/the/machine")
 
@@ -225,7 +225,7 @@ def test_any_error_of_a_job_is_its_own(folder: Path, opened: Callable[..., Board
 def test_a_worker_that_cannot_be_started_fails_its_task_alone(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    state = State(folder / ".service")
+    state = ServerLease(folder / ".service")
     workers = Pool(state.lock, 2**33, 60)
 
     def refused(*command: Any, **options: Any) -> Any:
@@ -270,7 +270,7 @@ def test_a_worker_is_let_go_of_before_it_is_idle(tmp_path: Path):
 
 def test_a_worker_that_was_killed_is_not_kept(folder: Path):
     """The kill is on its way, and the process has not heard of it yet."""
-    state = State(folder / ".service")
+    state = ServerLease(folder / ".service")
     workers = Pool(state.lock, 2**33, 60, keep=1)
     known: list[Worker] = []
 
@@ -288,7 +288,7 @@ def test_a_worker_that_was_killed_is_not_kept(folder: Path):
 
 
 def test_cancelling_a_job_whose_worker_is_done_kills_nobody(
-    folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+    folder: Path, opened: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
     worker, done, go_on = Answering(), threading.Event(), threading.Event()
 
@@ -297,11 +297,11 @@ def test_cancelling_a_job_whose_worker_is_done_kills_nobody(
             told["started"](worker)
             told["started"](None)
 
-    def slow(self: Board, *found: Any) -> bool:
+    def slow(self: JobQueue, *found: Any) -> bool:
         done.set()
         return not go_on.wait(20)
 
-    monkeypatch.setattr(Board, "_overtaken", slow)
+    monkeypatch.setattr(JobQueue, "_claimed_elsewhere", slow)
     board = opened()
     board.runner = replace(board.runner, pool=Lending())  # pyright: ignore[reportArgumentType]
     job = board.submit(order(folder), None)
@@ -368,7 +368,7 @@ def test_what_is_no_record_is_left_out_and_told(
     (jobs / "notes.json").write_text("{}")
     (folder / ".service" / "servers").mkdir()
     (folder / ".service" / "servers" / "notes").write_text("no server's place")
-    with caplog.at_level(logging.WARNING, "ssil_service"), embedded(folder, jobs=1) as store:
+    with caplog.at_level(logging.WARNING, "ssil_service"), embed(folder, jobs=1) as store:
         http = store.connection.client
         assert http.get("v1/jobs").json() == {"jobs": []}
         assert http.get(f"v1/jobs/{'a' * 16}").status_code == 404
@@ -376,7 +376,9 @@ def test_what_is_no_record_is_left_out_and_told(
     assert odd.exists()
 
 
-def test_a_record_with_a_field_of_another_type_is_none(folder: Path, opened: Callable[..., Board]):
+def test_a_record_with_a_field_of_another_type_is_none(
+    folder: Path, opened: Callable[..., JobQueue]
+):
     board = opened(running=0)
     job = board.submit(order(folder), None)["job"]
     path = folder / ".service" / "jobs" / f"{job}.json"
@@ -402,9 +404,9 @@ def test_a_record_with_a_field_of_another_type_is_none(folder: Path, opened: Cal
 )
 @pytest.mark.parametrize("state", ["queued", "running"])
 def test_an_odd_record_of_a_dead_server_fails_alone(
-    state: str, change: dict[str, Any], folder: Path, opened: Callable[..., Board]
+    state: str, change: dict[str, Any], folder: Path, opened: Callable[..., JobQueue]
 ):
-    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    dead = JobQueue(str(folder), ServerLease(folder / ".service"), Scripted(), 1, 8)
     odd, good = dead.submit(order(folder, "vae-9"), None), dead.submit(order(folder, "good"), None)
     dead.state.release()
     if "run" not in change and "dataset" not in change:
@@ -418,7 +420,7 @@ def test_an_odd_record_of_a_dead_server_fails_alone(
     assert Journal(path.parent).read(odd["job"]) is not None
 
 
-def _arguments(folder: Path, board: Board, job: dict[str, Any]) -> dict[str, Any]:
+def _arguments(folder: Path, board: JobQueue, job: dict[str, Any]) -> dict[str, Any]:
     record = board.ledger.entries[job["job"]].record
     known = {"dataset": record.dataset, "version": record.version, "run": record.run}
     return {"store": str(folder), **known, "body": record.body}
@@ -426,11 +428,11 @@ def _arguments(folder: Path, board: Board, job: dict[str, Any]) -> dict[str, Any
 
 def test_whatever_is_raised_while_a_job_is_taken_over_is_the_jobs_alone(
     folder: Path,
-    opened: Callable[..., Board],
+    opened: Callable[..., JobQueue],
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ):
-    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    dead = JobQueue(str(folder), ServerLease(folder / ".service"), Scripted(), 1, 8)
     job = dead.submit(order(folder), None)["job"]
     dead.state.journal.write(replace(dead.ledger.entries[job].record, state="running"))
     dead.state.release()
@@ -438,7 +440,7 @@ def test_whatever_is_raised_while_a_job_is_taken_over_is_the_jobs_alone(
     def odd(*found: Any) -> None:
         raise ZeroDivisionError("/a/place/on/the/machine")
 
-    monkeypatch.setattr(Runner, "cut_off", odd)
+    monkeypatch.setattr(Runner, "find_ending", odd)
     with caplog.at_level(logging.ERROR, "ssil_service"):
         board = opened(running=0)
     assert board.get(job)["error"] == {
@@ -451,9 +453,9 @@ def test_whatever_is_raised_while_a_job_is_taken_over_is_the_jobs_alone(
 
 
 def test_a_queued_job_that_cannot_be_taken_over_is_left_to_the_next_server(
-    folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+    folder: Path, opened: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
-    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    dead = JobQueue(str(folder), ServerLease(folder / ".service"), Scripted(), 1, 8)
     job = dead.submit(order(folder), None)
     dead.state.release()
     with monkeypatch.context() as patch:
@@ -463,7 +465,7 @@ def test_a_queued_job_that_cannot_be_taken_over_is_left_to_the_next_server(
 
 
 def test_the_journal_keeps_the_newest_ended_jobs(
-    folder: Path, opened: Callable[..., Board], monkeypatch: pytest.MonkeyPatch
+    folder: Path, opened: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("ssil_service.jobs.registry.KEPT", 3)
     assert journal.KEPT == 1000
@@ -474,14 +476,14 @@ def test_the_journal_keeps_the_newest_ended_jobs(
     files = {path.stem for path in (folder / ".service" / "jobs").iterdir()}
     assert files == {job["job"] for job in jobs[2:]}
     assert len(board.all()) == 3
-    assert board.repeated("key-0", order(folder).asked) is None
-    assert board.repeated("key-4", order(folder).asked) == board.get(jobs[4]["job"])
+    assert board.find_repeated("key-0", order(folder).request_digest) is None
+    assert board.find_repeated("key-4", order(folder).request_digest) == board.get(jobs[4]["job"])
 
 
 def test_a_job_of_a_server_that_left_nothing_else_is_taken_over(
-    folder: Path, opened: Callable[..., Board]
+    folder: Path, opened: Callable[..., JobQueue]
 ):
-    dead = Board(str(folder), State(folder / ".service"), Scripted(), 1, 8)
+    dead = JobQueue(str(folder), ServerLease(folder / ".service"), Scripted(), 1, 8)
     job = dead.submit(order(folder), None)
     dead.state.close()
     board = opened(make_run)

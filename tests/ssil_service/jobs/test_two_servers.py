@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 
 import ssil_data as sd
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.server.launch import Server
 
 RUNS = "v1/datasets/drives/runs"
@@ -34,7 +34,7 @@ def listed(http: httpx.Client) -> list[dict[str, Any]]:
 
 
 def test_jobs_that_two_servers_are_asked_for_at_once_make_a_run_each(folder: Path):
-    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
+    with embed(folder, jobs=1) as first, embed(folder, jobs=1) as second:
         clients = [first.connection.client, second.connection.client]
 
         def ask(seed: int) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def test_a_server_that_starts_takes_over_from_the_dead_and_not_from_the_living(
     folder: Path, serve: Callable[..., Server]
 ):
     dead = serve(folder, "--jobs", "1")
-    with embedded(folder, jobs=1) as living, httpx.Client(base_url=dead.url) as dying:
+    with embed(folder, jobs=1) as living, httpx.Client(base_url=dead.url) as dying:
         here = living.connection.client
         own = here.post(RUNS, json={**LONG, "run": "own"}).json()["job"]
         cut = dying.post(RUNS, json={**LONG, "run": "cut"}).json()["job"]
@@ -67,7 +67,7 @@ def test_a_server_that_starts_takes_over_from_the_dead_and_not_from_the_living(
         until(here, own, "running")
         until(here, cut, "running")
         dead.kill()
-        with embedded(folder, jobs=1) as third:
+        with embed(folder, jobs=1) as third:
             there = third.connection.client
             assert until(there, cut, "failed")["error"]["kind"] == "ServerStoppedError"
             assert until(there, waiting, "succeeded")["run"] == "waiting"

@@ -12,14 +12,14 @@ from numpy.testing import assert_array_equal
 
 import ssil_data as sd
 from ssil_data.store.dataset import Dataset
-from ssil_service import embedded
-from ssil_service.queries.catalog import Catalogue, Snapshot
+from ssil_service import embed
+from ssil_service.queries.catalog import Catalog, Snapshot
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 
 
 def test_a_deleted_dataset_gives_its_memory_back(local: sd.Store):
-    async def read() -> Catalogue:
-        catalogue = Catalogue(local, 2**30)
+    async def read() -> Catalog:
+        catalogue = Catalog(local, 2**30)
         for name in ("drives", "others"):
             snapshot = await catalogue.snapshot(name)
             await catalogue.pairs(snapshot)
@@ -43,7 +43,7 @@ def test_a_change_in_the_same_tick_of_the_clock_is_seen(
     """A file system may give two changes one time; a second later it would give another."""
     logs = [Path(local.folder.uri) / "drives" / t / "_delta_log" for t in ("episodes", "leverage")]
     first = [log.stat().st_mtime_ns for log in logs]
-    catalogue, tick = Catalogue(local, 2**30), max(first) / 1e9
+    catalogue, tick = Catalog(local, 2**30), max(first) / 1e9
 
     def seen(after: float) -> Snapshot:
         monkeypatch.setattr("ssil_service.queries.catalog.time.time", lambda: tick + after)
@@ -69,13 +69,13 @@ def test_another_alpha_shares_the_states_of_the_runs_own_field(
         built.append(run)
         return field(self, run, **options)
 
-    async def asked(catalogue: Catalogue) -> list[sd.LeverageField]:
+    async def asked(catalogue: Catalog) -> list[sd.LeverageField]:
         snapshot = await catalogue.snapshot("drives")
         return [await catalogue.field(snapshot, "vae", alpha) for alpha in (3.0, None, 7.0, 3.0)]
 
     with monkeypatch.context() as patch:
         patch.setattr(Dataset, "field", counted)
-        catalogue = Catalogue(local, 2**30)
+        catalogue = Catalog(local, 2**30)
         found = asyncio.run(asked(catalogue))
         assert built == ["vae"]
         assert [each.alpha for each in found] == [3, local["drives"].runs["vae"].alpha, 7, 3]
@@ -89,7 +89,7 @@ def test_another_alpha_shares_the_states_of_the_runs_own_field(
 
 
 def test_what_shares_the_states_of_a_field_is_let_go_of_before_them(local: sd.Store):
-    async def asked(catalogue: Catalogue) -> tuple[sd.LeverageField, ...]:
+    async def asked(catalogue: Catalog) -> tuple[sd.LeverageField, ...]:
         snapshot = await catalogue.snapshot("drives")
         own = await catalogue.field(snapshot, "vae", None)
         other = await catalogue.field(snapshot, "vae", 3.0)
@@ -98,7 +98,7 @@ def test_what_shares_the_states_of_a_field_is_let_go_of_before_them(local: sd.St
         still = await catalogue.field(snapshot, "vae", None)
         return own, still, other, await catalogue.field(snapshot, "vae", 3.0)
 
-    own, still, other, another = asyncio.run(asked(Catalogue(local, 2**30)))
+    own, still, other, another = asyncio.run(asked(Catalog(local, 2**30)))
     assert own is still and other is not another
 
 
@@ -132,8 +132,8 @@ def test_damage_is_not_taken_for_a_deletion(http: httpx.Client, monkeypatch: pyt
 def test_a_dataset_is_deleted_when_nobody_writes_to_it_and_its_name_is_free(
     folder: Path, local: sd.Store
 ):
-    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
-        with local.writing("drives") as written:
+    with embed(folder, jobs=1) as first, embed(folder, jobs=1) as second:
+        with local.open_for_writing("drives") as written:
             assert first.connection.client.delete("v1/datasets/drives").status_code == 409
             assert len(written.append([drive(9, 5)])) == 425
         assert len(first["drives"]) == len(second["drives"]) == 425

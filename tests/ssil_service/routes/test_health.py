@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.server.launch import Server
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
@@ -98,7 +98,7 @@ def test_a_request_id_is_taken_or_given_and_stands_in_the_log(server: Server, se
 
 
 def test_the_cache_stays_within_its_bound(folder: Path):
-    with embedded(folder, cache_bytes=10_000) as store:
+    with embed(folder, cache_bytes=10_000) as store:
         http = store.connection.client
         for alpha in range(1, 9):
             assert http.post(LCOR, params={"alpha": alpha}, json=BODY).status_code == 200

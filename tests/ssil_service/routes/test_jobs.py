@@ -11,7 +11,7 @@ import pytest
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.server.launch import Server
 from support.demonstrations import drive
 
@@ -68,7 +68,7 @@ def test_a_running_job_is_cancelled_and_leaves_nothing(http: httpx.Client, local
 
 
 def test_a_full_queue_refuses_with_a_time_to_wait(folder: Path):
-    with embedded(folder, jobs=1, job_queue=0, grace_seconds=0.1) as store:
+    with embed(folder, jobs=1, job_queue=0, grace_seconds=0.1) as store:
         client = store.connection.client
         job = client.post(RUNS, json=LONG).json()["job"]
         refused = client.post(RUNS, json=LONG)
@@ -78,7 +78,7 @@ def test_a_full_queue_refuses_with_a_time_to_wait(folder: Path):
 
 
 def test_a_job_that_takes_too_long_is_stopped(folder: Path):
-    with embedded(folder, jobs=1, job_seconds=3) as store:
+    with embed(folder, jobs=1, job_seconds=3) as store:
         client = store.connection.client
         done = ended(client, client.post(RUNS, json=LONG).json()["job"])
         assert (done["state"], done["error"]["kind"]) == ("failed", "TimeoutError")
@@ -86,7 +86,7 @@ def test_a_job_that_takes_too_long_is_stopped(folder: Path):
 
 def test_a_job_that_takes_too_much_memory_fails_alone(folder: Path):
     huge = {"kind": "vae", "hidden": 1_000_000, "latent": 1_000_000, "steps": 1}
-    with embedded(folder, jobs=1, job_bytes=2**31) as store:
+    with embed(folder, jobs=1, job_bytes=2**31) as store:
         client = store.connection.client
         done = ended(client, client.post(RUNS, json={"estimator": huge}).json()["job"])
         assert done["state"] == "failed"
@@ -123,12 +123,12 @@ def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
 
 def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):
     key = {"Idempotency-Key": "to-whichever"}
-    with embedded(folder, jobs=1) as first, embedded(folder, jobs=1) as second:
+    with embed(folder, jobs=1) as first, embed(folder, jobs=1) as second:
         clients = [first.connection.client, second.connection.client]
         answers = [each.post(RUNS, json=QUICK, headers=key).json() for each in clients]
         assert answers[0]["job"] == answers[1]["job"]
         done = ended(clients[1], answers[0]["job"])
-    with embedded(folder, jobs=1) as third:
+    with embed(folder, jobs=1) as third:
         assert third.connection.client.post(RUNS, json=QUICK, headers=key).json() == done
     assert sd.Store(folder)["drives"].runs.names() == ["vae", "vae-2"]
 
@@ -184,13 +184,13 @@ def test_a_killed_server_leaves_failed_and_waiting_jobs_to_the_next(folder: Path
         assert ended(http, waiting)["run"] == "waiting"
         assert len(http.get("v1/jobs").json()["jobs"]) == 3
     assert sd.Store(folder)["drives"].runs.names() == ["done", "vae", "waiting"]
-    assert sd.Store(folder)["drives"].damaged() == []
+    assert sd.Store(folder)["drives"].find_damage() == []
 
 
 def test_two_servers_share_a_store(folder: Path, serve: Serve):
     servers = [serve(folder, "--jobs", "1") for _ in range(2)]
     stores: list[RemoteStore] = [connect(server.url) for server in servers]
-    runs = [store["drives"].score(sd.VAE(steps=10), seed=3).run for store in stores]
+    runs = [store["drives"].score(sd.VAE(steps=10), seed=3).name for store in stores]
     assert runs == ["vae-2", "vae-3"]
     for store in stores:
         assert sorted(store["drives"].runs.names()) == ["vae", *runs]
@@ -214,7 +214,7 @@ def test_an_orderly_end_finishes_what_was_accepted(folder: Path, serve: Serve):
         job = http.post(RUNS, json={**QUICK, "run": "last"}).json()["job"]
         running(http, job)
     assert server.stop() == 0
-    assert sd.Store(folder)["drives"].runs["last"].run == "last"
+    assert sd.Store(folder)["drives"].runs["last"].name == "last"
     assert list((folder / ".service" / "servers").iterdir()) == []
 
 

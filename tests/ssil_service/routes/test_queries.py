@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import ssil_data as sd
-from ssil_data.client.wire import ARROW, JSON, PARQUET, decoded, encoded, rows_of_matrix
-from ssil_service import embedded
+from ssil_data.client.wire import ARROW, JSON, PARQUET, decode, encode, rows_of_matrix
+from ssil_service import embed
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
 SCORE = "v1/datasets/drives/runs/vae/score"
@@ -28,7 +28,7 @@ def body_of(media: str, states: np.ndarray) -> dict:
     if media == JSON:
         return {"json": {"states": states.tolist()}}
     table = pa.table({"state": rows_of_matrix(states)})
-    content = encoded(table).to_pybytes() if media == ARROW else parquet(table)
+    content = encode(table).to_pybytes() if media == ARROW else parquet(table)
     return {"content": content, "headers": {"Content-Type": media}}
 
 
@@ -36,7 +36,7 @@ def columns_of(answer: httpx.Response) -> dict:
     media = answer.headers["content-type"]
     if media == JSON:
         return answer.json()
-    table = decoded(answer.content) if media == ARROW else pq.read_table(io.BytesIO(answer.content))
+    table = decode(answer.content) if media == ARROW else pq.read_table(io.BytesIO(answer.content))
     return table.to_pydict()
 
 
@@ -120,7 +120,7 @@ def test_numbers_that_overflow_float32_are_refused_by_place(asked: httpx.Client)
     states = np.ones((4, 3))
     states[2, 1], states[3, 0] = 1e300, np.nan
     table = pa.table({"state": rows_of_matrix(states)})
-    for media, content in ((ARROW, encoded(table).to_pybytes()), (PARQUET, parquet(table))):
+    for media, content in ((ARROW, encode(table).to_pybytes()), (PARQUET, parquet(table))):
         answer = asked.post(LCOR, content=content, headers={"Content-Type": media})
         assert answer.status_code == 422
         places = [(fault["row"], fault["column"]) for fault in answer.json()["errors"]]
@@ -165,7 +165,7 @@ def test_compressed_arrow_buffers_are_refused_before_they_are_decompressed(asked
 
 def test_a_stream_that_begins_with_another_message_is_refused(asked: httpx.Client):
     table = pa.table({"state": rows_of_matrix(np.ones((4, 3), np.float32))})
-    content = encoded(table).to_pybytes()
+    content = encode(table).to_pybytes()
     schema = pa.ipc.read_message(content)
     sink = pa.BufferOutputStream()
     schema.serialize_to(sink)
@@ -181,7 +181,7 @@ def test_a_stream_that_begins_with_another_message_is_refused(asked: httpx.Clien
 def test_more_rows_than_one_question_takes_are_refused(asked: httpx.Client):
     most = asked.get("v1/limits").json()["query_rows"]
     table = pa.table({"state": rows_of_matrix(np.zeros((most + 1, 3), np.float32))})
-    for media, content in ((ARROW, encoded(table).to_pybytes()), (PARQUET, parquet(table))):
+    for media, content in ((ARROW, encode(table).to_pybytes()), (PARQUET, parquet(table))):
         answer = asked.post(LCOR, content=content, headers={"Content-Type": media})
         assert answer.status_code == 413, media
     answer = asked.post(LCOR, json={"states": [[0.0] * 3] * (most + 1)})
@@ -193,7 +193,7 @@ def test_a_parquet_bomb_costs_a_worker_and_not_the_service(folder: Path):
     wide = pa.FixedSizeListArray.from_arrays(pa.repeat(pa.scalar(0.0), rows * 3_000), 3_000)
     content = parquet(pa.table({"state": wide}))
     assert len(content) < 2_000_000
-    with embedded(folder, decoded_bytes=2**24) as store:
+    with embed(folder, decoded_bytes=2**24) as store:
         client = store.connection.client
         answer = client.post(LCOR, content=content, headers={"Content-Type": PARQUET})
         assert answer.status_code == 413

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 import ssil_data as sd
 from ssil_data.client import RemoteField
-from ssil_service import embedded
+from ssil_service import embed
 from support.demonstrations import ACTION_NAMES, STATE_NAMES
 
 ROWS = [97, 512, 1200]
@@ -40,7 +40,7 @@ def states() -> np.ndarray:
 def parted(request: pytest.FixtureRequest, local: sd.Dataset) -> Iterator[Callable[..., Any]]:
     """Fields of a service that takes few rows in one question."""
     folder = Path(local.folder.uri).parent
-    with embedded(folder, jobs=1, query_rows=request.param) as store:
+    with embed(folder, jobs=1, query_rows=request.param) as store:
         assert store.limits["query_rows"] == request.param
         yield lambda alpha: store["walks"].field("vae", alpha=alpha)
 

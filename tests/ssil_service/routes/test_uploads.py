@@ -12,7 +12,7 @@ import pytest
 
 import ssil_data as sd
 from ssil_data.client.upload import episodes_body
-from ssil_data.client.wire import ARROW, PARQUET, encoded, rows_of_matrix
+from ssil_data.client.wire import ARROW, PARQUET, encode, rows_of_matrix
 from ssil_data.store.dataset import Dataset
 from ssil_service.formats.arrow import MOST_BATCHES
 from ssil_service.workers import tasks
@@ -35,7 +35,7 @@ def parquet(table: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-BODIES = {ARROW: encoded(TABLE).to_pybytes(), PARQUET: parquet(TABLE)}
+BODIES = {ARROW: encode(TABLE).to_pybytes(), PARQUET: parquet(TABLE)}
 
 
 @pytest.mark.parametrize("media", [ARROW, PARQUET])
@@ -71,8 +71,8 @@ def test_what_is_no_table_or_no_demonstration_is_refused_and_leaves_nothing(
         (ARROW, b"", LAYOUT),
         (ARROW, BODIES[ARROW], {**LAYOUT, "state": "nope"}),
         (ARROW, BODIES[ARROW], {**LAYOUT, "labeled": "z"}),
-        (ARROW, encoded(odd).to_pybytes(), LAYOUT),
-        (ARROW, encoded(TABLE.slice(0, 0)).to_pybytes(), LAYOUT),
+        (ARROW, encode(odd).to_pybytes(), LAYOUT),
+        (ARROW, encode(TABLE.slice(0, 0)).to_pybytes(), LAYOUT),
     ]
     for media, content, layout in cases:
         headers = {"Content-Type": media}
@@ -85,7 +85,7 @@ def test_what_is_no_table_or_no_demonstration_is_refused_and_leaves_nothing(
 
 def test_a_refusal_names_row_and_column(http: httpx.Client):
     odd = TABLE.set_column(0, "speed", pa.array([1.0, np.inf, 3.0, 4.0, 5.0]))
-    content, headers = encoded(odd).to_pybytes(), {"Content-Type": ARROW}
+    content, headers = encode(odd).to_pybytes(), {"Content-Type": ARROW}
     answer = http.put("v1/datasets/odd", params=LAYOUT, content=content, headers=headers)
     assert "row 1" in answer.json()["detail"] and "speed" in answer.json()["detail"]
 
@@ -127,7 +127,7 @@ def test_a_dataset_is_not_deleted_while_it_is_appended_to(
 def test_as_many_batches_are_taken_as_are_told_and_no_more(http: httpx.Client):
     def body(batches: int) -> bytes:
         part = pa.table({"state": rows_of_matrix(np.ones((1, 3), np.float32))})
-        return encoded(pa.concat_tables([part] * batches)).to_pybytes()
+        return encode(pa.concat_tables([part] * batches)).to_pybytes()
 
     path, headers = "v1/datasets/drives/runs/vae/lcor", {"Content-Type": ARROW}
     assert http.post(path, content=body(MOST_BATCHES), headers=headers).status_code == 200
@@ -144,9 +144,9 @@ def test_other_dimensions_are_not_appended(http: httpx.Client):
 
 
 def test_a_body_above_the_limit_is_refused_by_its_length_and_by_its_bytes(folder: Path):
-    from ssil_service import embedded
+    from ssil_service import embed
 
-    with embedded(folder, upload_bytes=4096, body_bytes=2048) as store:
+    with embed(folder, upload_bytes=4096, body_bytes=2048) as store:
         http = store.connection.client
         assert http.get("v1/limits").json()["upload_bytes"] == 4096
         headers = {"Content-Type": ARROW}
@@ -167,7 +167,7 @@ def test_lists_of_a_column_may_be_named_by_the_schema(http: httpx.Client):
         metadata={"state_names": '["x", "y"]', "action_names": '["go"]', "card": "# Named"},
     )
     headers = {"Content-Type": ARROW}
-    answer = http.put("v1/datasets/named", content=encoded(table).to_pybytes(), headers=headers)
+    answer = http.put("v1/datasets/named", content=encode(table).to_pybytes(), headers=headers)
     assert answer.json()["state_names"] == ["x", "y"]
     assert http.get("v1/datasets/named/card", headers={"Accept": "*/*"}).text.startswith("# Named")
 
@@ -176,7 +176,7 @@ def test_metadata_that_names_nothing_is_refused(http: httpx.Client):
     for names in (b"[1]", b"{", b"[" * 100_000, b"\xff"):
         table = TABLE.replace_schema_metadata({"state_names": names, "action_names": '["go"]'})
         headers = {"Content-Type": ARROW}
-        answer = http.put("v1/datasets/odd", content=encoded(table).to_pybytes(), headers=headers)
+        answer = http.put("v1/datasets/odd", content=encode(table).to_pybytes(), headers=headers)
         assert answer.status_code == 422
 
 

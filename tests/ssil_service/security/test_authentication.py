@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ssil_data.errors import InvalidInputError
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.security.authentication import Keys, refuse_open_doors
 from ssil_service.settings import Settings
 from ssil_service.workers.pool import Worker
@@ -17,7 +17,7 @@ READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
 @pytest.mark.parametrize("header", ["X-API-Key", "Authorization"])
 def test_keys_open_what_they_may(header: str, folder: Path):
     prefix = "Bearer " if header == "Authorization" else ""
-    with embedded(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
+    with embed(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
         http = store.connection.client
 
         def status(method: str, path: str, key: str | None) -> int:
@@ -71,7 +71,7 @@ def test_other_machines_need_a_key():
 
 
 def test_two_keys_are_refused_if_one_is_wrong(folder: Path):
-    with embedded(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
+    with embed(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
         http = store.connection.client
 
         def status(header: str, bearer: str) -> int:
@@ -84,7 +84,7 @@ def test_two_keys_are_refused_if_one_is_wrong(folder: Path):
 
 
 def test_every_key_of_a_repeated_header_is_looked_at(folder: Path):
-    with embedded(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
+    with embed(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
         http = store.connection.client
 
         def status(name: str, *keys: str) -> int:

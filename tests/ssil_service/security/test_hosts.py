@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.problems import Problem
 from ssil_service.security.hosts import Hosts
 from ssil_service.settings import Settings
@@ -58,6 +58,6 @@ def test_another_site_may_change_nothing(origin: str, http: httpx.Client):
 
 
 def test_with_keys_any_host_is_answered(folder: Path):
-    with embedded(folder, read_key="reads-and-asks-only") as store:
+    with embed(folder, read_key="reads-and-asks-only") as store:
         headers = {"Host": "data.example", "X-API-Key": "reads-and-asks-only"}
         assert store.connection.client.get("v1/datasets", headers=headers).status_code == 200

@@ -11,7 +11,7 @@ from starlette.types import Receive, Scope, Send
 
 import ssil_data as sd
 from ssil_data.client import connect
-from ssil_service import embedded
+from ssil_service import embed
 from ssil_service.server.embedded import EmbeddedTransport
 
 REQUEST = httpx.Request("GET", "http://embedded/v1/datasets")
@@ -88,7 +88,7 @@ def test_it_ends_although_its_application_does_not_end_well():
 def test_a_store_that_is_closed_under_load_leaves_nobody_waiting(folder: Path):
     """Its answers come from threads and from worker processes, and some wait for others."""
     for moment in (0.0, 0.05, 0.2):
-        store = embedded(folder, jobs=1, computing=1, grace_seconds=1)
+        store = embed(folder, jobs=1, computing=1, grace_seconds=1)
         dataset = store["drives"]
         field, pairs = dataset.field("vae"), dataset.pairs()
         found: list[BaseException] = []

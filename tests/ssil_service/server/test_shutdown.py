@@ -14,7 +14,7 @@ import numpy as np
 from ssil_data.client import connect
 from ssil_service import create_app
 from ssil_service.server.embedded import EmbeddedTransport
-from ssil_service.server.launch import Server, free_port, launched
+from ssil_service.server.launch import Server, free_port, launch
 from ssil_service.settings import Settings
 
 Serve = Callable[..., Server]
@@ -38,7 +38,7 @@ def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_noth
     folder: Path, states: np.ndarray
 ):
     port = free_port()
-    server = launched(folder, port=port)
+    server = launch(folder, port=port)
     with connect(server.url) as store:
         field = store["drives"].field("vae")
         expected = field.lcor(states).values
@@ -54,7 +54,7 @@ def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_noth
         client.start()
         asking.wait(60)
         server.kill()
-        server = launched(folder, port=port)
+        server = launch(folder, port=port)
         client.join()
         server.kill()
     assert len(found) == 500
@@ -86,6 +86,6 @@ def test_a_service_that_ends_says_when_to_come_back(folder: Path):
     app = create_app(Settings(store=str(folder)), hosts=["here"])
     with httpx.Client(transport=EmbeddedTransport(app), base_url="http://here") as http:
         assert http.get("readyz").status_code == 200
-        app.leave()
+        app.begin_shutdown()
         answer = http.get("readyz")
         assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")

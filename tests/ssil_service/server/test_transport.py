@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from ssil_service.server.transport import Gathered
+from ssil_service.server.transport import CoalescingTransport
 
 
 class Wire:
@@ -28,12 +28,12 @@ class Wire:
         return 100
 
 
-def written(work: Callable[[Gathered, Wire], None]) -> list[Any]:
+def written(work: Callable[[CoalescingTransport, Wire], None]) -> list[Any]:
     """Return the calls that came of some work, and of the loop's next round."""
     wire = Wire()
 
     async def rounds() -> None:
-        work(Gathered(wire, asyncio.get_running_loop()), wire)  # pyright: ignore[reportArgumentType]
+        work(CoalescingTransport(wire, asyncio.get_running_loop()), wire)  # pyright: ignore[reportArgumentType]
         await asyncio.sleep(0)
 
     asyncio.run(rounds())
@@ -41,7 +41,7 @@ def written(work: Callable[[Gathered, Wire], None]) -> list[Any]:
 
 
 def test_head_and_body_leave_together_in_the_next_round():
-    def answer(gathered: Gathered, wire: Wire) -> None:
+    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
         for part in (b"head", b"body", b""):
             gathered.write(part)
         assert wire.calls == []
@@ -54,7 +54,7 @@ def test_every_round_sends_what_it_wrote():
     wire = Wire()
 
     async def rounds() -> None:
-        gathered = Gathered(wire, asyncio.get_running_loop())  # pyright: ignore[reportArgumentType]
+        gathered = CoalescingTransport(wire, asyncio.get_running_loop())  # pyright: ignore[reportArgumentType]
         for part in (b"head", b"event", b"event"):
             gathered.write(part)
             await asyncio.sleep(0)
@@ -64,7 +64,7 @@ def test_every_round_sends_what_it_wrote():
 
 
 def test_a_long_body_waits_for_nothing():
-    def answer(gathered: Gathered, wire: Wire) -> None:
+    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
         gathered.write(b"head")
         gathered.write(bytes(65_536))
         assert wire.calls == [b"head" + bytes(65_536)]
@@ -74,7 +74,7 @@ def test_a_long_body_waits_for_nothing():
 
 
 def test_what_was_written_is_sent_before_the_connection_is_closed():
-    def answer(gathered: Gathered, wire: Wire) -> None:
+    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
         gathered.write(b"last words")
         gathered.close()
 
@@ -82,7 +82,7 @@ def test_what_was_written_is_sent_before_the_connection_is_closed():
 
 
 def test_a_connection_that_is_cut_sends_nothing_more():
-    def answer(gathered: Gathered, wire: Wire) -> None:
+    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
         gathered.write(b"last words")
         gathered.abort()
 

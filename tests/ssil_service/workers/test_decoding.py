@@ -9,7 +9,7 @@ import pytest
 
 from ssil_service.problems import Problem
 from ssil_service.workers.decoding import Decoder
-from ssil_service.workers.lease import State
+from ssil_service.workers.lease import ServerLease
 from ssil_service.workers.pool import TaskError
 
 READ = {"what": "read", "done": 1, "of": 1}
@@ -39,7 +39,7 @@ def uploaded(workers: Workers, place: Path) -> str:
         pool: Any = workers
         return await Decoder(state, pool, query_rows=1, upload_rows=1).upload(body())
 
-    state = State(place)
+    state = ServerLease(place)
     try:
         return asyncio.run(upload())
     finally:

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
 from ssil_trainers.algorithms.behavior_cloning import clone
-from ssil_trainers.algorithms.discriminator import Teaching
-from ssil_trainers.algorithms.expert_sampler import Experts
+from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
 from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork
 from ssil_trainers.algorithms.policy import ActionBox
@@ -22,10 +22,10 @@ from support.toy_environment import demonstrations
 BOX = ActionBox(np.full(1, -2, np.float32), np.full(1, 2, np.float32))
 
 
-def numbered(weight: list[float]) -> Experts:
+def numbered(weight: list[float]) -> ExpertSampler:
     """Experts whose state is their number."""
     column = np.arange(len(weight), dtype=np.float32)[:, None]
-    return Experts(column, -column, np.array(weight, np.float32))
+    return ExpertSampler(column, -column, np.array(weight, np.float32))
 
 
 def test_pairs_are_drawn_by_their_weight_and_stay_together() -> None:
@@ -43,7 +43,7 @@ def test_weights_of_nobody_or_below_zero_are_refused(weight: list[float]) -> Non
 
 def test_unequal_lengths_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="equal lengths"):
-        Experts(np.zeros((2, 1)), np.zeros((3, 1)), np.ones(2))
+        ExpertSampler(np.zeros((2, 1)), np.zeros((3, 1)), np.ones(2))
     of = demonstrations()
     with pytest.raises(InvalidInputError, match="equal lengths"):
         Demonstrations(of.states, of.actions[1:], of.labeled)
@@ -66,19 +66,19 @@ def test_unequal_lengths_are_refused() -> None:
 )
 def test_experts_are_the_labeled_pairs_unless_everything_is_taken(method: str, pairs: int) -> None:
     of = demonstrations()
-    experts = METHODS[method].imitated(of, BOX, of.standardiser)
+    experts = METHODS[method].expert_sampler(of, BOX, of.standardizer)
     assert len(experts.states) == pairs
     np.testing.assert_array_equal(experts.weight, np.ones(pairs))
-    np.testing.assert_array_equal(experts.states, of.standardiser(of.states[:pairs]))
+    np.testing.assert_array_equal(experts.states, of.standardizer(of.states[:pairs]))
     np.testing.assert_allclose(experts.actions, np.clip(of.actions[:pairs], -2, 2) / 2, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", ["gail-leverage", "ssil-leverage", "clone-leverage"])
 def test_leverage_is_the_weight_where_everything_is_taken_by_leverage(method: str) -> None:
     of = demonstrations()
-    experts = METHODS[method].imitated(of, BOX, of.standardiser)
+    experts = METHODS[method].expert_sampler(of, BOX, of.standardizer)
     np.testing.assert_array_equal(experts.weight, of.leverage)
-    np.testing.assert_array_equal(experts.states, of.standardiser(of.states))
+    np.testing.assert_array_equal(experts.states, of.standardizer(of.states))
 
 
 def test_methods_differ_by_the_shaping() -> None:
@@ -104,7 +104,7 @@ def test_shuffled_leverage_has_the_same_values_and_follows_the_seed() -> None:
 def test_mixgail_without_a_run_fits_its_own_kernel() -> None:
     of = demonstrations()
     alone = METHODS["mixgail"].shaping(replace(of, leverage=None, field=None), 0)
-    fitted = of.field_of(of.leverage, auto_alpha(of.standardiser(of.states)))
+    fitted = of.field_of(of.leverage, auto_alpha(of.standardizer(of.states)))
     np.testing.assert_array_equal(alone(of.states[:50]), fitted.cor(of.states[:50]))
     given = METHODS["mixgail"].shaping(of, 0)
     np.testing.assert_array_equal(given(of.states[:50]), of.field.cor(of.states[:50]))
@@ -118,7 +118,7 @@ def test_without_a_run_there_is_no_leverage_to_ask(method: str) -> None:
     assert row.needs_run
     with pytest.raises(InvalidInputError, match="run"):
         row.shaping(of, 0)
-        row.imitated(of, BOX, of.standardiser)
+        row.expert_sampler(of, BOX, of.standardizer)
 
 
 def pair_tensors(offset: float, count: int = 400) -> torch.Tensor:
@@ -128,10 +128,10 @@ def pair_tensors(offset: float, count: int = 400) -> torch.Tensor:
 @pytest.mark.parametrize("penalty", [0.0, 1.0])
 def test_the_discriminator_learns_that_the_policys_pairs_are_high(penalty: float) -> None:
     policy, expert = pair_tensors(1), pair_tensors(-1).numpy()
-    experts = Experts(expert[:, :2], expert[:, 2:], np.ones(len(expert), np.float32))
+    experts = ExpertSampler(expert[:, :2], expert[:, 2:], np.ones(len(expert), np.float32))
     discriminator = Discriminator(2, 1, 16, spectral=False)
     adam = torch.optim.Adam(discriminator.parameters(), lr=3e-3)
-    teaching = Teaching(steps=100, batch=64, gradient_penalty=penalty)
+    teaching = DiscriminatorUpdate(steps=100, batch=64, gradient_penalty=penalty)
     teaching(discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(0))
     accuracy = teaching(
         discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(1)
@@ -143,13 +143,13 @@ def test_the_discriminator_learns_that_the_policys_pairs_are_high(penalty: float
 
 def test_the_gradient_penalty_keeps_the_discriminator_gentle() -> None:
     policy, expert = pair_tensors(1), pair_tensors(-1).numpy()
-    experts = Experts(expert[:, :2], expert[:, 2:], np.ones(len(expert), np.float32))
+    experts = ExpertSampler(expert[:, :2], expert[:, 2:], np.ones(len(expert), np.float32))
     slopes = []
     for penalty in (0.0, 10.0):
         torch.manual_seed(0)
         discriminator = Discriminator(2, 1, 16, spectral=False)
         adam = torch.optim.Adam(discriminator.parameters(), lr=1e-2)
-        teaching = Teaching(steps=200, batch=64, gradient_penalty=penalty)
+        teaching = DiscriminatorUpdate(steps=200, batch=64, gradient_penalty=penalty)
         teaching(discriminator, adam, pairs=policy, experts=experts, rng=np.random.default_rng(0))
         at = torch.zeros(50, 3, requires_grad=True)
         (slope,) = torch.autograd.grad(discriminator(at).sum(), at)
@@ -160,9 +160,9 @@ def test_the_gradient_penalty_keeps_the_discriminator_gentle() -> None:
 def test_without_steps_the_discriminator_stays_as_it_was() -> None:
     discriminator = Discriminator(2, 1, 16, spectral=False)
     adam = torch.optim.Adam(discriminator.parameters())
-    experts = Experts(np.zeros((3, 2)), np.zeros((3, 1)), np.ones(3))
+    experts = ExpertSampler(np.zeros((3, 2)), np.zeros((3, 1)), np.ones(3))
     rng = np.random.default_rng(0)
-    nothing = Teaching(steps=0)(
+    nothing = DiscriminatorUpdate(steps=0)(
         discriminator, adam, pairs=pair_tensors(1), experts=experts, rng=rng
     )
     assert nothing == 0.5
@@ -172,7 +172,7 @@ def test_without_steps_the_discriminator_stays_as_it_was() -> None:
 def cloned(weight: np.ndarray) -> PolicyNetwork:
     """Clone pairs of which the first half acts 0.5 · s, the second −0.5 · s."""
     states = np.linspace(-1, 1, 100, dtype=np.float32)[:, None]
-    experts = Experts(np.r_[states, states], np.r_[states, -states] / 2, weight)
+    experts = ExpertSampler(np.r_[states, states], np.r_[states, -states] / 2, weight)
     torch.manual_seed(0)
     policy = PolicyNetwork(1, 1, 16, -0.7)
     clone(policy, experts, steps=400, batch=64, rate=1e-2, rng=np.random.default_rng(0))
@@ -197,6 +197,6 @@ def test_cloning_meets_weights_between() -> None:
 
 def test_states_are_standardised_by_all_demonstrations() -> None:
     of = demonstrations()
-    expected = Standardiser.of(of.states)
-    np.testing.assert_array_equal(of.standardiser.shift, expected.shift)
-    np.testing.assert_array_equal(of.standardiser.scale, expected.scale)
+    expected = Standardizer.of(of.states)
+    np.testing.assert_array_equal(of.standardizer.shift, expected.shift)
+    np.testing.assert_array_equal(of.standardizer.scale, expected.scale)

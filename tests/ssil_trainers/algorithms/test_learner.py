@@ -12,11 +12,11 @@ import pytest
 import torch
 
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.learner import Learner, decayed
+from ssil_trainers.algorithms.learner import Learner, decay_eta
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.rollout import Driver, Rollout
 from ssil_trainers.algorithms.trpo import Step, TrustRegion
-from ssil_trainers.training.run import Job, Trained, train
+from ssil_trainers.training.run import TrainJob, TrainResult, train
 from support.toy_environment import STEPS, Line, demonstrations, expert, mean_return
 
 TOY = TrainSettings(
@@ -42,8 +42,8 @@ IGNORING = max(
 """The best that one and the same action everywhere can do."""
 
 
-def trained(method: str, settings: TrainSettings = TOY) -> Trained:
-    return train(Job(method, settings, demonstrations(), Line, {}))
+def trained(method: str, settings: TrainSettings = TOY) -> TrainResult:
+    return train(TrainJob(method, settings, demonstrations(), Line, {}))
 
 
 def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
@@ -78,7 +78,7 @@ def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
     of, settings = demonstrations(), replace(TOY, steps=10 * 16 * STEPS)
     curves, weights = [], []
     for actions in (of.actions, -of.actions):
-        job = Job("constant", settings, replace(of, actions=actions), Line, {})
+        job = TrainJob("constant", settings, replace(of, actions=actions), Line, {})
         result = train(job)
         curves.append([moment.iteration for moment in result.curve if moment.iteration])
         weights.append(result.policy.layers[0][0])
@@ -105,7 +105,7 @@ def test_ssil_solves_the_toy_with_every_option(option: dict) -> None:
 def test_gail_never_learns_a_value_of_the_shaping() -> None:
     learner = learner_of("gail")
     learner.iterate()
-    of_c = learner.critics(learner._seen(learner.initial))[1]
+    of_c = learner.critics(learner._standardize(learner.initial))[1]
     assert not of_c.detach().numpy().any()
 
 
@@ -130,7 +130,7 @@ def test_the_shaping_reaches_the_policy_and_never_the_discriminator() -> None:
 def test_eta_decays_when_the_discriminators_value_rises_more(
     rise_d: float, rise_c: float, expected: float
 ) -> None:
-    assert decayed(0.5, 0.9, rise_d=rise_d, rise_c=rise_c) == pytest.approx(expected)
+    assert decay_eta(0.5, 0.9, rise_d=rise_d, rise_c=rise_c) == pytest.approx(expected)
 
 
 class Ends(Line):
@@ -175,7 +175,7 @@ def test_the_policy_steps_by_both_advantages_as_computed_by_hand(
     assert (rollout.actions != rollout.drawn).mean() > 0.1
 
     with torch.no_grad():
-        seen = [learner._seen(states) for states in (rollout.states, rollout.next_states)]
+        seen = [learner._standardize(states) for states in (rollout.states, rollout.next_states)]
         clipped = torch.from_numpy(rollout.drawn.reshape(-1, 1).clip(-1, 1))
         paid_d = learner.discriminator.reward(torch.cat([seen[0], clipped], dim=1)).numpy()
         values, next_values = (critics(states).numpy() for states in seen)
@@ -216,9 +216,9 @@ def test_eta_follows_the_rule_in_the_loop() -> None:
     learner = learner_of("ssil")
     eta = learner.eta
     for _ in range(6):
-        before = learner.critics(learner._seen(learner.initial)).mean(dim=1).tolist()
+        before = learner.critics(learner._standardize(learner.initial)).mean(dim=1).tolist()
         learner.iterate()
-        after = learner.critics(learner._seen(learner.initial)).mean(dim=1).tolist()
+        after = learner.critics(learner._standardize(learner.initial)).mean(dim=1).tolist()
         rises = after[0] - before[0], after[1] - before[1]
         eta *= TOY.eta_decay if rises[0] > rises[1] else 1
         assert learner.eta == pytest.approx(eta)
@@ -228,13 +228,13 @@ def learner_of(
     method: str, settings: TrainSettings = TOY, world: Callable[[int], Line] = Line
 ) -> Learner:
     of, row, driver = demonstrations(), METHODS[method], Driver(world(settings.environments))
-    experts = row.imitated(of, driver.box, of.standardiser)
+    experts = row.expert_sampler(of, driver.box, of.standardizer)
     learner = Learner(
         settings,
         driver=driver,
         experts=experts,
         shaping=row.shaping(of, settings.seed),
-        standardiser=of.standardiser,
+        standardiser=of.standardizer,
     )
     learner.start_anew()
     return learner

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ssil_data.errors import DamagedError, InvalidInputError, NotFoundError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_trainers.algorithms import checkpoint as tensors
 from ssil_trainers.algorithms.networks import PolicyNetwork
 from ssil_trainers.algorithms.policy import ActionBox, Policy
@@ -21,7 +21,7 @@ def policy() -> Policy:
     torch.manual_seed(0)
     network = PolicyNetwork(3, 2, 8, -0.7)
     torch.nn.init.normal_(network.mean[-1].weight)
-    standardiser = Standardiser(np.arange(3, dtype=np.float32), np.full(3, 2, np.float32))
+    standardiser = Standardizer(np.arange(3, dtype=np.float32), np.full(3, 2, np.float32))
     sigma = network.log_sigma.detach().numpy()
     return Policy(standardiser, network.layers(), sigma, BOX, {"method": "none"})
 

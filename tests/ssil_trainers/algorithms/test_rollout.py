@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rollout import Driver, returns
 
@@ -50,7 +50,7 @@ def counters(mode: AutoresetMode = AutoresetMode.SAME_STEP) -> SyncVectorEnv:
 def still(envs: Any, mean: float = 0.0) -> Policy:
     """The same mean action everywhere, with σ = 1 in unit actions."""
     layer = (np.zeros((1, 1), np.float32), np.array([mean], np.float32))
-    standardiser = Standardiser(np.zeros(1, np.float32), np.ones(1, np.float32))
+    standardiser = Standardizer(np.zeros(1, np.float32), np.ones(1, np.float32))
     return Policy(standardiser, (layer,), np.zeros(1, np.float32), Driver(envs).box)
 
 

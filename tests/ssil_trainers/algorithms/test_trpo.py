@@ -31,7 +31,7 @@ def batch(of: PolicyNetwork, count: int = 256) -> tuple[Tensor, Tensor, Tensor]:
     """States, actions drawn from the policy, and advantages that want the first action higher."""
     random = torch.Generator().manual_seed(3)
     states = torch.randn(count, 3, generator=random)
-    now = of(states).detached()
+    now = of(states).detach()
     noise = torch.randn(count, 2, generator=random)
     actions = now.mean + now.log_sigma.exp() * noise
     advantages = noise[:, 0] * (1 + states[:, 1]) + torch.randn(count, generator=random)
@@ -41,7 +41,7 @@ def batch(of: PolicyNetwork, count: int = 256) -> tuple[Tensor, Tensor, Tensor]:
 def dense_fisher(of: PolicyNetwork, states: Tensor) -> Tensor:
     """The Hessian of the mean KL divergence from the policy, entry by entry."""
     shapes = {name: value.shape for name, value in of.named_parameters()}
-    now = of(states).detached()
+    now = of(states).detach()
 
     def kl(flat: Tensor) -> Tensor:
         parts = flat.split([shape.numel() for shape in shapes.values()])
@@ -103,7 +103,7 @@ def test_a_step_that_breaks_the_bound_is_shortened(monkeypatch: pytest.MonkeyPat
     """A Fisher matrix that is taken for a ninth of itself makes the first step thrice too long."""
     of, kl = policy(), 0.01
     states, actions, advantages = batch(of)
-    old = of(states).detached()
+    old = of(states).detach()
 
     def too_small(*of: Any, **how: Any) -> Any:
         product = fisher_product(*of, **how)

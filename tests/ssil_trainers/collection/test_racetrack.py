@@ -19,7 +19,7 @@ from ssil_trainers.collection.ppo import Checkpoint, PPOSettings, train
 from ssil_trainers.collection.quality_tiers import BANDS, Band
 from ssil_trainers.collection.racetrack import Collected, RacetrackSettings, collect_racetrack
 from ssil_trainers.collection.racetrack_card import racetrack_card
-from ssil_trainers.collection.recording import Course
+from ssil_trainers.collection.recording import EvaluationCourse
 from ssil_trainers.commands.collect import collect, racetrack
 from ssil_trainers.envs.racetrack.env import STATE_NAMES, RacetrackEnv
 
@@ -91,7 +91,7 @@ def test_same_seed_same_demonstrations_and_another_seed_others() -> None:
 
 def test_negative_drives_score_inside_their_band_and_drivers_take_turns() -> None:
     checkpoints = [_parked(name) for name in ("one", "two")]
-    course = Course(RacetrackEnv(episode_steps=30))
+    course = EvaluationCourse(RacetrackEnv(episode_steps=30))
     band = Band("x", 0.0, 0.8)
     drives = drives_within(band, checkpoints, course, expert_return=300.0, patience=3_000)
     taken = [next(drives) for _ in range(6)]
@@ -100,7 +100,7 @@ def test_negative_drives_score_inside_their_band_and_drivers_take_turns() -> Non
 
 
 def test_drivers_who_never_score_inside_the_band_are_given_up() -> None:
-    course = Course(RacetrackEnv(episode_steps=10))
+    course = EvaluationCourse(RacetrackEnv(episode_steps=10))
     drives = drives_within(
         Band("x", 5.0, 6.0), [_parked("one")], course, expert_return=300.0, patience=50
     )
@@ -203,16 +203,17 @@ def test_step_sizes_that_cannot_learn_are_refused(name: str, rate: float) -> Non
         replace(MINIATURE, **{name: rate})
 
 
-@pytest.mark.parametrize("tremble", [-0.1, np.nan, np.inf])
-def test_a_tremble_that_is_negative_or_not_finite_is_refused(tremble: float) -> None:
+@pytest.mark.parametrize("action_noise", [-0.1, np.nan, np.inf])
+def test_action_noise_that_is_negative_or_not_finite_is_refused(action_noise: float) -> None:
     with pytest.raises(
-        InvalidInputError, match=f"tremble: expected a finite number of at least 0, found {tremble}"
+        InvalidInputError,
+        match=f"action_noise: expected a finite number of at least 0, found {action_noise}",
     ):
-        replace(MINIATURE, tremble=tremble)
+        replace(MINIATURE, action_noise=action_noise)
 
 
 def test_a_driver_may_have_a_steady_hand() -> None:
-    assert replace(MINIATURE, tremble=0.0).tremble == 0
+    assert replace(MINIATURE, action_noise=0.0).action_noise == 0
 
 
 def _parked(name: str) -> Checkpoint:

@@ -21,10 +21,10 @@ from ssil_trainers.collection.pure_pursuit import Pursuit
 from ssil_trainers.collection.quality_tiers import Band
 from ssil_trainers.collection.rc_lidar import RC_BANDS, RCCollected, RCSettings, collect_rc
 from ssil_trainers.collection.rc_lidar_card import rc_card
-from ssil_trainers.collection.recording import Course
+from ssil_trainers.collection.recording import EvaluationCourse
 from ssil_trainers.commands.collect import rc_lidar as collect_command
 from ssil_trainers.envs.rc_lidar.env import STATE_NAMES, RCLidarEnv
-from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, named_track
+from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, find_track
 from support.demonstrations import DATASETS
 
 COMMITTED = DATASETS / "rc-lidar"
@@ -100,7 +100,7 @@ def test_no_two_episodes_share_a_start() -> None:
 def test_the_expert_keeps_to_the_middle_of_a_track_it_has_never_seen() -> None:
     env = RCLidarEnv(TRAINING_TRACK)
     expert = Pursuit(env, ahead=1.4)
-    drive = Course(env, first_seed=0, tremble=0.05).drive(expert)
+    drive = EvaluationCourse(env, first_seed=0, action_noise=0.05).drive(expert)
     line = env.track.places(0.05)[:, :2]
     off = np.linalg.norm(drive.positions[:, None] - line[None], axis=2).min(axis=1)
     assert np.median(off) < 0.12
@@ -184,7 +184,10 @@ def test_the_card_speaks_of_laps_where_they_are_whole() -> None:
         ({"laps": 0}, "laps: expected at least 1, found 0"),
         ({"negatives": 3}, "negatives: expected at least 4, found 3"),
         ({"segment": -1}, "segment: expected at least 1, found -1"),
-        ({"tremble": np.nan}, "tremble: expected a finite number of at least 0, found nan"),
+        (
+            {"action_noise": np.nan},
+            "action_noise: expected a finite number of at least 0, found nan",
+        ),
         ({"ahead": 0}, "ahead: expected a positive length, found 0"),
     ],
 )
@@ -217,13 +220,13 @@ def test_the_committed_demonstrations_are_the_papers_mixture(rc_lidar: Dataset) 
     ]
     assert expert == [401] * 10
     assert episodes["ending"].count("terminated") == 35
-    assert rc_lidar.damaged() == []
+    assert rc_lidar.find_damage() == []
 
 
 def test_the_committed_demonstrations_were_driven_on_the_collection_track(
     rc_lidar: Dataset,
 ) -> None:
-    track, positions = named_track("yard"), rc_lidar.recorded("position")
+    track, positions = find_track("yard"), rc_lidar.read_recorded("position")
     line = track.places(0.2)[:, :2]
     off = np.linalg.norm(positions[::7, None] - line[None], axis=2).min(axis=1)
     assert off.max() < 0.55
@@ -235,7 +238,7 @@ def test_experts_have_more_leverage_than_every_quality_of_negatives(
 ) -> None:
     recipe = preset("default", kind)
     run = score(rc_lidar, recipe.estimator, scale=recipe.scale, seed=0)
-    found = quality(rc_lidar, rc_lidar.leverage(run.run))
+    found = quality(rc_lidar, rc_lidar.leverage(run.name))
     means = found.mean_leverage_by_tier
     assert list(means) == [*TIERS, "expert"]
     assert all(means["expert"] > means[tier] + 0.05 for tier in TIERS)

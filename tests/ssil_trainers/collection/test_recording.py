@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from ssil_trainers.collection.recording import Course, first_pairs, record
+from ssil_trainers.collection.recording import EvaluationCourse, first_pairs, record
 
 
 class Line(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -46,7 +46,7 @@ def test_states_and_positions_are_from_before_and_rewards_from_after_the_actions
 
 
 def test_trembling_is_drawn_from_the_seed_and_clipped() -> None:
-    drives = [record(Line(), coast, seed=seed, tremble=2.0) for seed in (1, 1, 2)]
+    drives = [record(Line(), coast, seed=seed, action_noise=2.0) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(drives[0].actions, drives[1].actions)
     assert (drives[0].actions != drives[2].actions).any()
     assert all(np.abs(drive.actions).max() <= 1 for drive in drives)
@@ -54,17 +54,17 @@ def test_trembling_is_drawn_from_the_seed_and_clipped() -> None:
 
 
 def test_a_course_gives_every_drive_another_seed() -> None:
-    course = Course(Line(), first_seed=3, tremble=0.1)
+    course = EvaluationCourse(Line(), first_seed=3, action_noise=0.1)
     first, second = course.drive(coast), course.drive(coast)
     np.testing.assert_array_equal(
-        second.actions, record(Line(), coast, seed=4, tremble=0.1).actions
+        second.actions, record(Line(), coast, seed=4, action_noise=0.1).actions
     )
     assert (first.actions != second.actions).any()
     assert course.returns(coast, 2).tolist() == [15.0, 15.0]
 
 
 def test_the_last_drive_is_cut_to_the_wanted_pairs() -> None:
-    course = Course(Line())
+    course = EvaluationCourse(Line())
     drives = iter(lambda: course.drive(coast), None)
     assert [pairs for _, pairs in first_pairs(drives, 12)] == [5, 5, 2]
     assert [pairs for _, pairs in first_pairs(drives, 10)] == [5, 5]

@@ -24,10 +24,10 @@ from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.commands import train as command
 from ssil_trainers.commands.evaluate import drive as drive_by
-from ssil_trainers.envs.registry import TASKS, side_by_side, single, spec_of
-from ssil_trainers.training.history import Evaluation, Moment
-from ssil_trainers.training.label_subset import expert_return, scored_like, with_labels
-from ssil_trainers.training.progress import events
+from ssil_trainers.envs.registry import TASKS, find_spec, make_single, make_vectorized
+from ssil_trainers.training.history import Evaluation, HistoryRow
+from ssil_trainers.training.label_subset import expert_return, score_like, with_labels
+from ssil_trainers.training.progress import tensorboard
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
 SHORT = ["--steps", "96", "--environments", "2", "--horizon", "16", "--hidden", "8"]
@@ -85,7 +85,7 @@ def test_train_then_evaluate_from_the_command_line(
     told = json.loads(capsys.readouterr().out)
     assert told["env"] == "Pendulum-v1" and told["score"] is None
     assert len(told["returns"]) == 2 and told["return"] == np.mean(told["returns"])
-    env = single("Pendulum-v1")
+    env = make_single("Pendulum-v1")
     assert told["returns"][1] == drive_by(Policy.load(policy), env, seed=4)[0]
 
 
@@ -141,7 +141,7 @@ def test_without_the_service_the_store_is_read(
     pendulum: Dataset, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
     monkeypatch.setattr(serving, "import_module", lambda name: raise_missing(missing))
-    with serving.asked(Place(), None) as store:
+    with serving.open_store(Place(), None) as store:
         assert isinstance(store, Store)
 
 
@@ -150,7 +150,7 @@ def test_a_service_that_is_broken_is_not_taken_for_none(
     pendulum: Dataset, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
     monkeypatch.setattr(serving, "import_module", lambda name: raise_missing(missing))
-    with pytest.raises(ModuleNotFoundError, match=missing), serving.asked(Place(), None):
+    with pytest.raises(ModuleNotFoundError, match=missing), serving.open_store(Place(), None):
         pass
 
 
@@ -226,23 +226,23 @@ def test_demonstrations_of_another_width_are_refused(
 
 def test_unknown_environments_are_refused_by_name() -> None:
     with pytest.raises(NotFoundError, match=r"racetrack.*found 'racetrakc'"):
-        spec_of("racetrakc")
+        find_spec("racetrakc")
 
 
 def test_a_task_takes_the_environments_settings() -> None:
-    assert spec_of("racetrack?policy_hz=5&track=oval").kwargs == {"policy_hz": 5, "track": "oval"}
-    assert spec_of("racetrack").kwargs == {}
-    assert spec_of("Pendulum-v1?g=9.81").kwargs == {"g": 9.81}
+    assert find_spec("racetrack?policy_hz=5&track=oval").kwargs == {"policy_hz": 5, "track": "oval"}
+    assert find_spec("racetrack").kwargs == {}
+    assert find_spec("Pendulum-v1?g=9.81").kwargs == {"g": 9.81}
     for task, message in (("racetrack?fast", "key=value"), ("racetrack?wings=2", "wings")):
         with pytest.raises(InvalidInputError, match=message):
-            side_by_side(task, 1)
+            make_vectorized(task, 1)
     with pytest.raises(InvalidInputError, match="wings"):
-        single("Pendulum-v1?wings=2")
+        make_single("Pendulum-v1?wings=2")
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_projects_tasks_can_be_driven_alone_and_side_by_side(task: str) -> None:
-    envs, env = side_by_side(task, 2), single(task)
+    envs, env = make_vectorized(task, 2), make_single(task)
     assert envs.single_observation_space == env.observation_space
     assert envs.single_action_space == env.action_space
     assert envs.metadata["autoreset_mode"].value == "SameStep"
@@ -281,7 +281,7 @@ def test_a_run_on_fewer_labels_that_was_made_otherwise_is_refused(
     score(dataset, VAE(steps=20), seed=3, run="vae")
     score(fewer, VAE(steps=20), seed=4, run="vae")
     with pytest.raises(ConflictError, match=r"run 'vae' of drives-80.*expected seed 3.*found 4"):
-        scored_like(fewer, dataset, "vae", lambda what, done, of: None)
+        score_like(fewer, dataset, "vae", lambda what, done, of: None)
 
 
 def test_a_run_on_fewer_labels_is_made_as_the_one_on_all(store: Store, dataset: Dataset) -> None:
@@ -291,7 +291,7 @@ def test_a_run_on_fewer_labels_is_made_as_the_one_on_all(store: Store, dataset: 
     score(dataset, VAE(steps=20), scale=MinMax(), labeled_is_one=True, seed=3, run="vae")
     fewer = with_labels(store, "drives", 80)
     for _ in range(2):
-        scored_like(fewer, dataset, "vae", lambda what, done, of: None)
+        score_like(fewer, dataset, "vae", lambda what, done, of: None)
     one, other = dataset.runs["vae"], fewer.runs["vae"]
     assert (one.estimator, one.scale, one.seed) == (other.estimator, other.scale, other.seed)
     assert other.labeled_is_one and other.labeled == 80
@@ -313,9 +313,9 @@ def test_the_experts_return_is_what_a_score_of_one_is(store: Store) -> None:
 def test_every_figure_of_a_run_is_a_tensorboard_event(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    seen: list[Moment] = []
-    with events(tmp_path, seen.append) as both:
-        both(Moment(0, None, Evaluation(mean=-3.0, least=-4.0, length=20.0, score=0.5)))
+    seen: list[HistoryRow] = []
+    with tensorboard(tmp_path, seen.append) as both:
+        both(HistoryRow(0, None, Evaluation(mean=-3.0, least=-4.0, length=20.0, score=0.5)))
     assert len(seen) == 1
     read = EventAccumulator(str(tmp_path))
     read.Reload()

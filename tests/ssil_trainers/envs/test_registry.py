@@ -10,11 +10,11 @@ from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.racetrack.env import RacetrackEnv
 from ssil_trainers.envs.racetrack.twin import RacetrackVectorEnv
 from ssil_trainers.envs.rc_lidar.env import RCLidarVectorEnv
-from ssil_trainers.envs.registry import side_by_side, single, spec_of
+from ssil_trainers.envs.registry import find_spec, make_single, make_vectorized
 
 
 def test_traffic_is_driven_in_real_environments_side_by_side() -> None:
-    envs = side_by_side("racetrack?other_vehicles=3&episode_steps=4", 2)
+    envs = make_vectorized("racetrack?other_vehicles=3&episode_steps=4", 2)
     assert isinstance(envs, SyncVectorEnv)
     assert all(isinstance(env.unwrapped, RacetrackEnv) for env in envs.envs)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
@@ -33,7 +33,7 @@ def test_without_traffic_the_twins_drive() -> None:
         ("racetrack?other_vehicles=0", RacetrackVectorEnv),
         ("rc-lidar?track=yard", RCLidarVectorEnv),
     ):
-        envs = side_by_side(task, 2)
+        envs = make_vectorized(task, 2)
         assert isinstance(envs, twin)
         assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
 
@@ -53,11 +53,11 @@ def test_without_traffic_the_twins_drive() -> None:
 def test_settings_that_make_no_environment_are_refused_in_either_form(
     task: str, message: str
 ) -> None:
-    for make in (single, lambda text: side_by_side(text, 2)):
+    for make in (make_single, lambda text: make_vectorized(text, 2)):
         with pytest.raises(InvalidInputError, match=f"^{message}$"):
             make(task)
 
 
 def test_a_text_with_an_underscore_is_no_number() -> None:
-    assert spec_of("rc-lidar?track=1_0").kwargs == {"track": "1_0"}
-    assert spec_of("rc-lidar?episode_steps=10").kwargs == {"episode_steps": 10}
+    assert find_spec("rc-lidar?track=1_0").kwargs == {"track": "1_0"}
+    assert find_spec("rc-lidar?episode_steps=10").kwargs == {"episode_steps": 10}

@@ -6,19 +6,19 @@ from pathlib import Path
 
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
-from ssil_trainers.experiments.lessons import labeled_dataset, working_copy
+from ssil_trainers.experiments.lessons import copy_dataset, dataset_with_labels
 from support.demonstrations import drive
 
 
 def test_a_working_copy_is_made_once_for_each_version(
     store: Store, dataset: Dataset, tmp_path: Path
 ) -> None:
-    first = working_copy(store, "drives", tmp_path / "work")
-    fewer = labeled_dataset(first, "drives", 80)
-    again = working_copy(store, "drives", tmp_path / "work")
+    first = copy_dataset(store, "drives", tmp_path / "work")
+    fewer = dataset_with_labels(first, "drives", 80)
+    again = copy_dataset(store, "drives", tmp_path / "work")
     assert again.folder.uri == first.folder.uri and fewer in again
     appended = dataset.append([drive(9, 30)])
-    other = working_copy(store, "drives", tmp_path / "work")
+    other = copy_dataset(store, "drives", tmp_path / "work")
     assert other.folder.uri != first.folder.uri
     assert other["drives"].version == appended.version
 
@@ -26,8 +26,8 @@ def test_a_working_copy_is_made_once_for_each_version(
 def test_a_working_copy_that_was_changed_is_made_again(
     store: Store, dataset: Dataset, tmp_path: Path
 ) -> None:
-    copy = working_copy(store, "drives", tmp_path / "work")
+    copy = copy_dataset(store, "drives", tmp_path / "work")
     copy["drives"].append([drive(9, 30)])
     assert copy["drives"].version != dataset.version
-    again = working_copy(store, "drives", tmp_path / "work")
+    again = copy_dataset(store, "drives", tmp_path / "work")
     assert again["drives"].version == dataset.version

@@ -23,7 +23,7 @@ from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.collection.pure_pursuit import Pursuit
 from ssil_trainers.collection.rc_lidar import RCSettings
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
-from ssil_trainers.envs.registry import single
+from ssil_trainers.envs.registry import make_single
 from ssil_trainers.experiments import reproduce as command
 from ssil_trainers.experiments.cells import FIRST_TEST_SEED
 from ssil_trainers.experiments.plan import Plan
@@ -175,7 +175,7 @@ def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
 
 def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_track():
     for test in RC_LIDAR.tests:
-        world = single(test)
+        world = make_single(test)
         expert = Pursuit(cast(RCLidarEnv, world.unwrapped), ahead=RCSettings().ahead)
         state, _ = world.reset(seed=FIRST_TEST_SEED)
         total, ended = 0.0, False

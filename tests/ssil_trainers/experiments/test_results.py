@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssil_trainers.experiments.page import saturated
+from ssil_trainers.experiments.page import describe_saturation
 from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR, Row, Table
 from ssil_trainers.experiments.results import Results
 
@@ -85,11 +85,13 @@ def test_the_ledger_judges_a_rise_by_the_papers_scale():
 def test_a_bounded_table_says_which_methods_it_does_not_tell_apart():
     full = [record(RC_LIDAR, row, None, 1.0) for row in RC_LIDAR.rows if row.method != "clone"]
     clone = RC_LIDAR.rows[-1]
-    sentence = saturated(RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.5)]))
+    sentence = describe_saturation(RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.5)]))
     assert sentence.startswith("After 4,096 steps these score 1.000")
     assert "constant reward" in sentence and sentence.endswith("less: behaviour cloning 0.500.")
-    sentence = saturated(RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.9996)]))
+    sentence = describe_saturation(
+        RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.9996)])
+    )
     assert "every method and every control scores 1.000" in sentence
     below = Results([record(RC_LIDAR, GAIL, None, 0.9994)])
-    assert saturated(RC_LIDAR, below) == ""
-    assert saturated(RACETRACK, Results([record(RACETRACK, GAIL, 100, 1.02)])) == ""
+    assert describe_saturation(RC_LIDAR, below) == ""
+    assert describe_saturation(RACETRACK, Results([record(RACETRACK, GAIL, 100, 1.02)])) == ""

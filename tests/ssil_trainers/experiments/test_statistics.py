@@ -14,10 +14,10 @@ from ssil_trainers.experiments.statistics import (
     Curve,
     Summary,
     deviation,
+    false_verdict_rate,
     interquartile_mean,
     interval,
     support,
-    told_apart,
 )
 
 RISING = Curve((0, 10, 30), (0.0, 1.0, 1.0))
@@ -110,8 +110,8 @@ def test_equal_methods_are_told_apart_as_often_as_trials_one_by_one_are():
             for _ in range(400)
         ]
         expected = np.mean([share >= 0.95 or share <= 0.05 for share in found])
-        assert told_apart(excess, seeds, 0.95) == pytest.approx(expected, abs=0.06)
+        assert false_verdict_rate(excess, seeds, 0.95) == pytest.approx(expected, abs=0.06)
 
 
 def test_a_stricter_level_tells_equal_methods_apart_less_often():
-    assert told_apart(higher, 4, 0.99) < told_apart(higher, 4, 0.9)
+    assert false_verdict_rate(higher, 4, 0.99) < false_verdict_rate(higher, 4, 0.9)

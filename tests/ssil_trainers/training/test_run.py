@@ -14,8 +14,8 @@ import torch
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.training.history import Moment
-from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, Job, train
+from ssil_trainers.training.history import HistoryRow
+from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, TrainJob, train
 from support.toy_environment import STEPS, Line, demonstrations
 
 SETTINGS = TrainSettings(
@@ -32,9 +32,9 @@ SETTINGS = TrainSettings(
 )
 
 
-def job(folder: Path | None, method: str = "ssil", **settings: object) -> Job:
+def job(folder: Path | None, method: str = "ssil", **settings: object) -> TrainJob:
     chosen = replace(SETTINGS, **settings)
-    return Job(method, chosen, demonstrations(), Line, {"run": "toy"}, -2.0, folder)
+    return TrainJob(method, chosen, demonstrations(), Line, {"run": "toy"}, -2.0, folder)
 
 
 class Stop(KeyboardInterrupt):
@@ -42,7 +42,7 @@ class Stop(KeyboardInterrupt):
 
 
 def stop_after(iterations: int):
-    def seen(moment: Moment) -> None:
+    def seen(moment: HistoryRow) -> None:
         if moment.iteration is not None and moment.iteration.number == iterations:
             raise Stop
 
@@ -88,7 +88,7 @@ def test_other_random_numbers_meanwhile_change_nothing(tmp_path: Path) -> None:
     np.random.seed(5)  # noqa: NPY002
     torch.manual_seed(5)
 
-    def disturb(moment: Moment) -> None:
+    def disturb(moment: HistoryRow) -> None:
         np.random.random()  # noqa: NPY002
         torch.rand(3)
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from ssil_data.cli import main
-from ssil_data.client import Patience, connect
+from ssil_data.client import RetryPolicy, connect
 from ssil_data.commands import serving
 from ssil_data.commands.output import Place
-from ssil_data.commands.serving import asked
+from ssil_data.commands.serving import open_store
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
 from ssil_data.field import LeverageField
@@ -24,13 +24,13 @@ from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_service.app import create_app
 from ssil_service.server.embedded import EmbeddedTransport
-from ssil_service.server.launch import Server, launched
+from ssil_service.server.launch import Server, launch
 from ssil_service.settings import read_settings
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.commands import train as command
-from ssil_trainers.training.data_source import Lessons
-from ssil_trainers.training.history import Moment
-from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, Job, train
+from ssil_trainers.training.data_source import TrainingData
+from ssil_trainers.training.history import HistoryRow
+from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, TrainJob, train
 from support.toy_environment import STEPS, Line, demonstrations
 
 SETTINGS = TrainSettings(
@@ -61,13 +61,13 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 @pytest.fixture(scope="module")
 def server(laid: Store) -> Iterator[Server]:
-    server = launched(laid.folder.uri)
+    server = launch(laid.folder.uri)
     yield server
     server.kill()
 
 
-def job(lessons: Lessons, folder: Path | None = None, method: str = "ssil") -> Job:
-    return Job(method, SETTINGS, lessons.demonstrations, Line, lessons.identity, -2.0, folder)
+def job(lessons: TrainingData, folder: Path | None = None, method: str = "ssil") -> TrainJob:
+    return TrainJob(method, SETTINGS, lessons.demonstrations, Line, lessons.identity, -2.0, folder)
 
 
 def files(folder: Path) -> list[bytes]:
@@ -75,13 +75,13 @@ def files(folder: Path) -> list[bytes]:
 
 
 def undisturbed(store: Store, folder: Path) -> list[bytes]:
-    train(job(Lessons.of(store["toy"], "vae"), folder))
+    train(job(TrainingData.of(store["toy"], "vae"), folder))
     return files(folder)
 
 
 def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
     for threads in (1, None):
-        of = Lessons.of(laid["toy"], "vae", threads=threads).demonstrations
+        of = TrainingData.of(laid["toy"], "vae", threads=threads).demonstrations
         for field in (of.field, of.field_of(of.leverage, 1.0)):
             assert isinstance(field, LeverageField) and field.threads == threads
 
@@ -91,10 +91,10 @@ def test_rewards_and_policies_are_the_same_three_ways(
     laid: Store, server: Server, tmp_path: Path, method: str
 ) -> None:
     place = Place(laid.folder.uri)
-    lessons = {"store": Lessons.of(laid["toy"], "vae", threads=1)}
-    with asked(place, None) as inside, asked(place, server.url) as remote:
+    lessons = {"store": TrainingData.of(laid["toy"], "vae", threads=1)}
+    with open_store(place, None) as inside, open_store(place, server.url) as remote:
         lessons |= {
-            name: Lessons.of(s["toy"], "vae") for name, s in (("in", inside), ("at", remote))
+            name: TrainingData.of(s["toy"], "vae") for name, s in (("in", inside), ("at", remote))
         }
         kinds = {type(found.demonstrations.field).__name__ for found in lessons.values()}
         assert kinds == {"LeverageField", "RemoteField"}
@@ -118,13 +118,13 @@ def test_without_an_address_the_command_asks_a_service_inside(
     monkeypatch.setenv("SSIL_READ_KEY", KEY)
     monkeypatch.setenv("SSIL_STATE", str(tmp_path / "state"))
     before = sorted(Path(laid.folder.uri).iterdir())
-    with asked(Place(laid.folder.uri), None) as store:
+    with open_store(Place(laid.folder.uri), None) as store:
         assert type(store).__name__ == "RemoteStore"
         assert store["toy"].version == laid["toy"].version
     assert sorted(Path(laid.folder.uri).iterdir()) == before
     assert not (tmp_path / "state").exists()
     monkeypatch.setitem(sys.modules, "ssil_service", None)
-    with asked(Place(laid.folder.uri), None) as store:
+    with open_store(Place(laid.folder.uri), None) as store:
         assert isinstance(store, Store)
 
 
@@ -132,15 +132,15 @@ def test_a_service_killed_in_the_middle_and_restarted_only_delays(
     laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     expected = undisturbed(laid, tmp_path / "alone")
-    servers = [launched(laid.folder.uri)]
+    servers = [launch(laid.folder.uri)]
     port, killed = int(servers[0].url.rpartition(":")[2]), Event()
 
     def restart() -> None:
         killed.wait()
         time.sleep(1.5)
-        servers.append(launched(laid.folder.uri, port=port))
+        servers.append(launch(laid.folder.uri, port=port))
 
-    def kill(moment: Moment) -> None:
+    def kill(moment: HistoryRow) -> None:
         if moment.steps == SETTINGS.steps // 2:
             servers[0].kill()
             killed.set()
@@ -148,8 +148,8 @@ def test_a_service_killed_in_the_middle_and_restarted_only_delays(
     thread = Thread(target=restart)
     thread.start()
     try:
-        with asked(Place(laid.folder.uri), servers[0].url) as store:
-            train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"), seen=kill)
+        with open_store(Place(laid.folder.uri), servers[0].url) as store:
+            train(job(TrainingData.of(store["toy"], "vae"), tmp_path / "cut"), seen=kill)
     finally:
         killed.set()
         thread.join()
@@ -195,9 +195,9 @@ def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path)
     expected = undisturbed(laid, tmp_path / "alone")
     app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
-    quick = Patience(first=0.001, longest=0.002, total=5.0)
+    quick = RetryPolicy(first=0.001, longest=0.002, total=5.0)
     with connect("http://localhost", transport=troubled, patience=quick) as store:
-        train(job(Lessons.of(store["toy"], "vae"), tmp_path / "cut"))
+        train(job(TrainingData.of(store["toy"], "vae"), tmp_path / "cut"))
     assert files(tmp_path / "cut") == expected
     assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
 
@@ -216,18 +216,18 @@ def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    gone = launched(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
+    gone = launch(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
     monkeypatch.setattr(serving, "AT_FIRST", 0.3)
     monkeypatch.setattr(serving, "LATER", 0.3)
-    monkeypatch.setattr(command, "side_by_side", lambda env, count: Line(count))
+    monkeypatch.setattr(command, "make_vectorized", lambda env, count: Line(count))
     words = ["train", "ssil", "--env", "Pendulum-v1", "--dataset", "toy", "--run", "vae"]
     words += ["--environments", 4, "--horizon", STEPS, "--hidden", 8, "--boundary", 2]
     words += ["--steps", SETTINGS.steps, "--evaluations", 2, "-o", tmp_path / "out"]
     real = command.train_job
 
     def until(iteration: int) -> Callable[..., object]:
-        def cut(job: Job, *, resume: bool, seen: Callable[[Moment], None]) -> object:
-            def both(moment: Moment) -> None:
+        def cut(job: TrainJob, *, resume: bool, seen: Callable[[HistoryRow], None]) -> object:
+            def both(moment: HistoryRow) -> None:
                 seen(moment)
                 if moment.iteration is not None and moment.iteration.number == iteration:
                     gone.kill()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ssil_trainers.algorithms.expert_sampler import Experts
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.networks import PolicyNetwork
 
 
 def clone(
     policy: PolicyNetwork,
-    experts: Experts,
+    experts: ExpertSampler,
     *,
     steps: int,
     batch: int,

@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from ssil_trainers.algorithms.expert_sampler import Experts
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.networks import Discriminator
 
 
 @dataclass(frozen=True)
-class Teaching:
+class DiscriminatorUpdate:
     """How many steps per iteration, on how many pairs of either kind, with what penalty."""
 
     steps: int = 10
@@ -27,7 +27,7 @@ class Teaching:
         optimiser: torch.optim.Optimizer,
         *,
         pairs: Tensor,
-        experts: Experts,
+        experts: ExpertSampler,
         rng: np.random.Generator,
     ) -> float:
         """Raise E_π[log D] + E_E[log(1 − D)]; return the share of pairs told rightly before.

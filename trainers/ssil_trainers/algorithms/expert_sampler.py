@@ -14,7 +14,7 @@ from ssil_data.errors import InvalidInputError
 
 
 @dataclass(frozen=True, eq=False)
-class Experts:
+class ExpertSampler:
     """n pairs of standardised state (n, d) and unit action (n, k), each with a weight (n,) ≥ 0.
 
     A pair is drawn with a probability proportional to its weight.

@@ -15,12 +15,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_trainers.algorithms.advantage import advantages
 from ssil_trainers.algorithms.behavior_cloning import clone
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.discriminator import Teaching
-from ssil_trainers.algorithms.expert_sampler import Experts
+from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork, TwoCritics
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rewards import Shaping
@@ -61,9 +61,9 @@ class Learner:
         settings: TrainSettings,
         *,
         driver: Driver,
-        experts: Experts,
+        experts: ExpertSampler,
         shaping: Shaping,
-        standardiser: Standardiser,
+        standardiser: Standardizer,
     ) -> None:
         """Make untrained networks."""
         self.settings, self.driver, self.experts = settings, driver, experts
@@ -103,10 +103,15 @@ class Learner:
         to, rng = self.settings, np.random.default_rng([self.settings.seed, self.done, 3])
         noise = rng.standard_normal((to.horizon, to.environments, len(self.driver.box.low)))
         rollout = self.driver.roll(self.snapshot(), noise.astype(np.float32))
-        states, next_states = self._seen(rollout.states), self._seen(rollout.next_states)
+        states, next_states = (
+            self._standardize(rollout.states),
+            self._standardize(rollout.next_states),
+        )
         pairs = torch.cat([states, _rows(rollout.actions)], dim=1)
 
-        teaching = Teaching(to.discriminator_steps, to.discriminator_batch, to.gradient_penalty)
+        teaching = DiscriminatorUpdate(
+            to.discriminator_steps, to.discriminator_batch, to.gradient_penalty
+        )
         accuracy = teaching(
             self.discriminator, self.discriminator_adam, pairs=pairs, experts=self.experts, rng=rng
         )
@@ -122,7 +127,7 @@ class Learner:
         advantage = _standard(advantage_d + self.eta * advantage_c)
         step = region.step(self.policy, states, _rows(rollout.drawn), advantage)
         rise_d, rise_c = self._fit_critics(states, values + both, rng)
-        self.eta = decayed(self.eta, to.eta_decay, rise_d=rise_d, rise_c=rise_c)
+        self.eta = decay_eta(self.eta, to.eta_decay, rise_d=rise_d, rise_c=rise_c)
         self.done += 1
         return Iteration(
             number=self.done,
@@ -152,7 +157,7 @@ class Learner:
         self, states: Tensor, targets: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[float, float]:
         """Fit V_D and V_C to targets (2, n); return how much each rose at the initial states."""
-        to, initial = self.settings, self._seen(self.initial)
+        to, initial = self.settings, self._standardize(self.initial)
         wanted = torch.from_numpy(targets.astype(np.float32))
         with torch.no_grad():
             before = self.critics(initial).mean(dim=1)
@@ -209,11 +214,11 @@ class Learner:
     def _optimisers(self) -> dict[str, torch.optim.Optimizer]:
         return {name: getattr(self, name) for name in ("critic_adam", "discriminator_adam")}
 
-    def _seen(self, states: NDArray[np.float32]) -> Tensor:
+    def _standardize(self, states: NDArray[np.float32]) -> Tensor:
         return torch.from_numpy(self.standardiser(states.reshape(-1, self.driver.width)))
 
 
-def decayed(eta: float, decay: float, *, rise_d: float, rise_c: float) -> float:
+def decay_eta(eta: float, decay: float, *, rise_d: float, rise_c: float) -> float:
     """Return ε·η if V_D rose more than V_C at the initial states, η otherwise (Algorithm 1)."""
     return decay * eta if rise_d > rise_c else eta
 

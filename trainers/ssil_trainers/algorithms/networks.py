@@ -53,7 +53,7 @@ class Gaussian:
         """Return the entropy in nats, a number: it does not depend on the state."""
         return (self.log_sigma + 0.5 * math.log(2 * math.pi * math.e)).sum()
 
-    def detached(self) -> Gaussian:
+    def detach(self) -> Gaussian:
         """Return the same distribution as a constant."""
         return Gaussian(self.mean.detach(), self.log_sigma.detach())
 
@@ -92,8 +92,8 @@ class TwoCritics(nn.Module):
             for net in (perceptron(states, hidden, 1, last=0.0) for _ in range(2))
         ]
         pairs = list(zip(*linears, strict=True))
-        self.weights = nn.ParameterList([_stacked(*(one.weight.T for one in p)) for p in pairs])
-        self.biases = nn.ParameterList([_stacked(*(one.bias[None] for one in p)) for p in pairs])
+        self.weights = nn.ParameterList([_stack(*(one.weight.T for one in p)) for p in pairs])
+        self.biases = nn.ParameterList([_stack(*(one.bias[None] for one in p)) for p in pairs])
         self.unit = 1 / (1 - discount) if discount < 1 else 1.0
 
     def forward(self, states: Tensor) -> Tensor:
@@ -129,7 +129,7 @@ class Discriminator(nn.Module):
         return softplus(-self(pairs))
 
 
-def _stacked(first: Tensor, second: Tensor) -> nn.Parameter:
+def _stack(first: Tensor, second: Tensor) -> nn.Parameter:
     return nn.Parameter(torch.stack([first.detach(), second.detach()]).contiguous())
 
 

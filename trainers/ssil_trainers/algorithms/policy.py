@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.errors import DamagedError, InvalidInputError
-from ssil_data.features import Standardiser
+from ssil_data.features import Standardizer
 from ssil_trainers.algorithms import checkpoint as tensors
 
 KIND = "ssil policy"
@@ -54,7 +54,7 @@ class Policy:
     `described` says where the policy comes from; it is JSON.
     """
 
-    standardiser: Standardiser
+    standardiser: Standardizer
     layers: tuple[Layer, ...]
     log_sigma: NDArray[np.float32]
     box: ActionBox
@@ -93,7 +93,7 @@ class Policy:
         arrays, described = tensors.read(path, KIND)
         try:
             policy = cls(
-                Standardiser(arrays["shift"], arrays["scale"]),
+                Standardizer(arrays["shift"], arrays["scale"]),
                 tuple(
                     (arrays[f"{n}.weight"], arrays[f"{n}.bias"])
                     for n in range(len(arrays) // 2 - 2)

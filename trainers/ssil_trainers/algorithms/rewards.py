@@ -38,7 +38,7 @@ class Field(Protocol):
         ...
 
 
-def nothing(states: NDArray[np.float32]) -> NDArray[np.floating]:
+def zero_reward(states: NDArray[np.float32]) -> NDArray[np.floating]:
     """Return 0 for every state: GAIL."""
     return np.zeros(len(states))
 

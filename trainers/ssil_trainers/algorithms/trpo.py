@@ -88,7 +88,7 @@ def fisher_product(policy: PolicyNetwork, states: Tensor, *, damping: float) -> 
     """Return v ↦ (F + damping·1)v, F the Hessian of the mean KL divergence at the policy."""
     parameters = list(policy.parameters())
     now = policy(states)
-    kl = now.detached().kl_to(now)
+    kl = now.detach().kl_to(now)
     slope = _flat(torch.autograd.grad(kl, parameters, create_graph=True))
 
     def product(vector: Tensor) -> Tensor:

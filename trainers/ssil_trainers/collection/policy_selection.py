@@ -13,30 +13,30 @@ from ssil_data.errors import NotFoundError
 from ssil_data.scoring import Progress
 from ssil_trainers.collection.ppo import Checkpoint, PPOSettings, train
 from ssil_trainers.collection.quality_tiers import Band
-from ssil_trainers.collection.recording import Course, Drive
+from ssil_trainers.collection.recording import EvaluationCourse, RecordedEpisode
 
 MakeEnv = Callable[[], gymnasium.Env[Any, Any]]
 
 
 @dataclass(frozen=True)
-class School:
+class DriverTrainer:
     """Where drivers are trained and measured; PPO's seeds are derived from `seed`."""
 
     make_env: MakeEnv
-    course: Course
+    course: EvaluationCourse
     seed: int
     progress: Progress
 
-    def expert(self, settings: PPOSettings, *, measure: int) -> Checkpoint:
+    def train_expert(self, settings: PPOSettings, *, measure: int) -> Checkpoint:
         """Train one run; return its checkpoint of the highest mean return over `measure` drives."""
         checkpoints = self._train("expert", 0, settings)
         returns = [
             self.course.returns(checkpoint, measure).mean()
-            for checkpoint in self._counted("measure expert", checkpoints)
+            for checkpoint in self._report_each("measure expert", checkpoints)
         ]
         return checkpoints[int(np.argmax(returns))]
 
-    def under_trained(
+    def train_under_trained(
         self, settings: PPOSettings, *, runs: int, measure: int, expert_return: float
     ) -> tuple[list[Checkpoint], list[np.ndarray]]:
         """Train several short runs; return all their checkpoints and each one's episode scores."""
@@ -47,7 +47,7 @@ class School:
         ]
         scores = [
             self.course.returns(checkpoint, measure) / expert_return
-            for checkpoint in self._counted("measure checkpoints", checkpoints)
+            for checkpoint in self._report_each("measure checkpoints", checkpoints)
         ]
         return checkpoints, scores
 
@@ -61,7 +61,7 @@ class School:
         progress(settings.steps)
         return checkpoints
 
-    def _counted(self, what: str, checkpoints: Sequence[Checkpoint]) -> Iterator[Checkpoint]:
+    def _report_each(self, what: str, checkpoints: Sequence[Checkpoint]) -> Iterator[Checkpoint]:
         for done, checkpoint in enumerate(checkpoints):
             yield checkpoint
             self.progress(what, done + 1, len(checkpoints))
@@ -70,11 +70,11 @@ class School:
 def drives_within(
     band: Band,
     drivers: Sequence[Checkpoint],
-    course: Course,
+    course: EvaluationCourse,
     *,
     expert_return: float,
     patience: int,
-) -> Iterator[Drive]:
+) -> Iterator[RecordedEpisode]:
     """Yield drives that score inside the band; who has driven least so far drives next.
 
     Raises NotFoundError when `patience` steps were driven since the last such drive.

@@ -65,7 +65,7 @@ def train(
     progress is called with the steps taken so far, once per rollout.
     """
     envs = VecNormalize(DummyVecEnv([make_env] * settings.environments), norm_obs=False)
-    keeper = _Keeper(run, settings.keep_every, progress)
+    keeper = _CheckpointCallback(run, settings.keep_every, progress)
     with _one_thread():
         learner = PPO(
             "MlpPolicy",
@@ -83,7 +83,7 @@ def train(
     return keeper.kept
 
 
-class _Keeper(BaseCallback):
+class _CheckpointCallback(BaseCallback):
     """Keeps a checkpoint where a rollout starts, just after an update."""
 
     def __init__(self, run: str, every: int, progress: Callable[[int], None]) -> None:
@@ -104,7 +104,7 @@ class _Keeper(BaseCallback):
     def keep(self) -> None:
         policy = cast(ActorCriticPolicy, self.model.policy)
         hidden = [layer for layer in policy.mlp_extractor.policy_net if _is_linear(layer)]
-        layers = tuple(_copied(layer) for layer in (*hidden, policy.action_net))
+        layers = tuple(_copy_layer(layer) for layer in (*hidden, policy.action_net))
         self.kept.append(Checkpoint(self._run, self.model.num_timesteps, layers))
 
 
@@ -112,7 +112,7 @@ def _is_linear(layer: torch.nn.Module) -> bool:
     return isinstance(layer, torch.nn.Linear)
 
 
-def _copied(layer: torch.nn.Module) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _copy_layer(layer: torch.nn.Module) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     weight, bias = (parameter.detach().numpy().copy() for parameter in layer.parameters())
     return weight, bias
 

@@ -29,7 +29,7 @@ class Band:
 BANDS = (Band("0-25", 0.0, 0.25), Band("25-50", 0.25, 0.50), Band("50-75", 0.50, 0.75))
 
 
-def pick(measured: Sequence[ArrayLike], band: Band, *, at_most: int) -> list[int]:
+def select_policies(measured: Sequence[ArrayLike], band: Band, *, at_most: int) -> list[int]:
     """Return which policies stand for a band: at most `at_most`, spread evenly over their means.
 
     measured holds the episode scores of each policy. Its mean must lie in the band, and so must

@@ -10,10 +10,10 @@ import numpy as np
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 from ssil_data.scoring import Progress
-from ssil_trainers.collection.policy_selection import School, drives_within
+from ssil_trainers.collection.policy_selection import DriverTrainer, drives_within
 from ssil_trainers.collection.ppo import PPOSettings
-from ssil_trainers.collection.quality_tiers import BANDS, EXPERT, pick
-from ssil_trainers.collection.recording import Course, Taken, first_pairs
+from ssil_trainers.collection.quality_tiers import BANDS, EXPERT, select_policies
+from ssil_trainers.collection.recording import EvaluationCourse, Selection, first_pairs
 from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.racetrack.env import RacetrackEnv
 from ssil_trainers.envs.racetrack.highway import POLICY_HZ, Track, check_task
@@ -44,7 +44,7 @@ class RacetrackSettings:
         Unlabeled expert pairs; as many again are negative, a third from each tier.
     segment:
         Labeled episodes are cut after this many pairs, so that there are several starts.
-    tremble:
+    action_noise:
         Deviation of the normal noise on every action, the same for every driver.
     runs:
         Under-trained PPO runs that the negatives come from.
@@ -70,7 +70,7 @@ class RacetrackSettings:
     labeled: int = 1_200
     unlabeled: int = 24_000
     segment: int = 200
-    tremble: float = 0.3
+    action_noise: float = 0.3
     runs: int = 6
     policies: int = 8
     measure: int = 5
@@ -100,9 +100,9 @@ class RacetrackSettings:
                 raise InvalidInputError(
                     f"{name}: expected a finite number above 0, found {getattr(self, name)}"
                 )
-        if not 0 <= self.tremble < np.inf:
+        if not 0 <= self.action_noise < np.inf:
             raise InvalidInputError(
-                f"tremble: expected a finite number of at least 0, found {self.tremble}"
+                f"action_noise: expected a finite number of at least 0, found {self.action_noise}"
             )
         if self.unlabeled % len(BANDS):
             raise InvalidInputError(
@@ -117,7 +117,7 @@ class Collected:
     settings: RacetrackSettings
     seed: int
     expert_return: float
-    taken: Sequence[Taken]
+    taken: Sequence[Selection]
 
     def episodes(self) -> list[Episode]:
         """Return the demonstrations."""
@@ -140,15 +140,17 @@ def collect_racetrack(
             episode_steps=settings.episode_steps,
         )
 
-    course = Course(make_env(), first_seed=seed * _SEEDS_APART, tremble=settings.tremble)
-    school = School(make_env, course, seed, progress)
-    expert = school.expert(settings.expert, measure=settings.measure)
+    course = EvaluationCourse(
+        make_env(), first_seed=seed * _SEEDS_APART, action_noise=settings.action_noise
+    )
+    school = DriverTrainer(make_env, course, seed, progress)
+    expert = school.train_expert(settings.expert, measure=settings.measure)
     expert_drives = iter(lambda: course.drive(expert), None)
     labeled = first_pairs(expert_drives, settings.labeled, at_most=settings.segment)
     unlabeled = first_pairs(expert_drives, settings.unlabeled)
     expert_return = float(np.mean([drive.total for drive, _ in labeled + unlabeled]))
     taken = [
-        Taken(drive, pairs, drive.total / expert_return, EXPERT, is_labeled)
+        Selection(drive, pairs, drive.total / expert_return, EXPERT, is_labeled)
         for drives, is_labeled in ((labeled, True), (unlabeled, False))
         for drive, pairs in drives
     ]
@@ -156,8 +158,10 @@ def collect_racetrack(
     return Collected(settings, seed, expert_return, taken)
 
 
-def _negatives(school: School, settings: RacetrackSettings, expert_return: float) -> list[Taken]:
-    checkpoints, scores = school.under_trained(
+def _negatives(
+    school: DriverTrainer, settings: RacetrackSettings, expert_return: float
+) -> list[Selection]:
+    checkpoints, scores = school.train_under_trained(
         settings.under_trained,
         runs=settings.runs,
         measure=settings.measure,
@@ -165,7 +169,9 @@ def _negatives(school: School, settings: RacetrackSettings, expert_return: float
     )
     taken = []
     for band in BANDS:
-        drivers = [checkpoints[row] for row in pick(scores, band, at_most=settings.policies)]
+        drivers = [
+            checkpoints[row] for row in select_policies(scores, band, at_most=settings.policies)
+        ]
         drives = drives_within(
             band,
             drivers,
@@ -175,7 +181,7 @@ def _negatives(school: School, settings: RacetrackSettings, expert_return: float
         )
         wanted = settings.unlabeled // len(BANDS)
         taken += [
-            Taken(drive, pairs, drive.total / expert_return, band.tier)
+            Selection(drive, pairs, drive.total / expert_return, band.tier)
             for drive, pairs in first_pairs(drives, wanted)
         ]
         school.progress(f"drive tier {band.tier}", wanted, wanted)

@@ -10,7 +10,7 @@ import numpy as np
 from ssil_trainers.collection.ppo import PPOSettings
 from ssil_trainers.collection.quality_tiers import BANDS, EXPERT
 from ssil_trainers.collection.racetrack import Collected, RacetrackSettings
-from ssil_trainers.collection.recording import Taken, drivers_table
+from ssil_trainers.collection.recording import Selection, drivers_table
 from ssil_trainers.envs.racetrack.highway import HIGHWAY_IDS, SIMULATION_HZ
 from ssil_trainers.envs.racetrack.starts import START_SPEEDS
 
@@ -67,10 +67,10 @@ speeds 0–20 m/s.
   An episode starts anywhere on the lap, in the middle of a lane, at {slow:.0f}–{fast:.0f} m/s; it
   ends beyond the edge of the road and is cut off after {settings.episode_steps:,} steps.
 - R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ, speeds in m/s, d the offset in 5 m.
-- Drivers: {_training(settings)}
+- Drivers: {_describe_training(settings)}
 - Actions: every driver acts by the mean of its policy plus normal noise of deviation
-  {settings.tremble:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
-{_chosen(settings)}\
+  {settings.action_noise:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
+{_describe_selection(settings)}\
 - The expert is the checkpoint of its run with the highest mean return over {settings.measure}
   episodes. A checkpoint of the other runs stands for a tier if its mean score over
   {settings.measure} episodes and half of those episodes (or as many as the best such checkpoint
@@ -94,9 +94,9 @@ def _alone(settings: RacetrackSettings) -> str:
     )
 
 
-def _chosen(settings: RacetrackSettings) -> str:
+def _describe_selection(settings: RacetrackSettings) -> str:
     """Tell how the usual trembling was chosen; another one is the caller's choice."""
-    if settings.tremble != RacetrackSettings().tremble:
+    if settings.action_noise != RacetrackSettings().action_noise:
         return ""
     return """\
   The deviation was chosen among 0, 0.1, 0.2 and 0.3 after a look at how a VAE and a windowVAE
@@ -112,12 +112,12 @@ def _tiers(collected: Collected) -> str:
     groups = [(EXPERT, True), (EXPERT, False), *((band.tier, False) for band in BANDS)]
     for tier, labeled in groups:
         taken = [t for t in collected.taken if (t.tier, t.labeled) == (tier, labeled)]
-        rows.append(f"| {tier} | {'yes' if labeled else 'no'} | {_measured(taken)} |")
+        rows.append(f"| {tier} | {'yes' if labeled else 'no'} | {_describe_scores(taken)} |")
     rows.append("\nsteps: mean length of the whole episodes; speed: mean over the pairs.")
     return "\n".join(rows)
 
 
-def _measured(taken: Sequence[Taken]) -> str:
+def _describe_scores(taken: Sequence[Selection]) -> str:
     scores = [t.score for t in taken]
     steps = np.mean([len(t.drive) for t in taken])
     speed = 20 * np.mean(np.concatenate([t.drive.states[: t.pairs, 21] for t in taken]))
@@ -127,7 +127,7 @@ def _measured(taken: Sequence[Taken]) -> str:
     )
 
 
-def _training(settings: RacetrackSettings) -> str:
+def _describe_training(settings: RacetrackSettings) -> str:
     return (
         f"stable-baselines3's PPO on the reward R.\n"
         f"  One expert run: {_run(settings.expert)}.\n"

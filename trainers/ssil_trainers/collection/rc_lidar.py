@@ -10,11 +10,16 @@ import numpy as np
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_data.scoring import Progress
-from ssil_trainers.collection.policy_selection import School, drives_within
+from ssil_trainers.collection.policy_selection import DriverTrainer, drives_within
 from ssil_trainers.collection.ppo import PPOSettings
 from ssil_trainers.collection.pure_pursuit import Pursuit
-from ssil_trainers.collection.quality_tiers import EXPERT, Band, pick
-from ssil_trainers.collection.recording import Course, Drive, Taken, first_pairs
+from ssil_trainers.collection.quality_tiers import EXPERT, Band, select_policies
+from ssil_trainers.collection.recording import (
+    EvaluationCourse,
+    RecordedEpisode,
+    Selection,
+    first_pairs,
+)
 from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.rc_lidar.car import RCCar
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
@@ -60,7 +65,7 @@ class RCSettings:
         Of one negative drive at most so many pairs are kept, its last, which lead to the wall.
     ahead:
         How far ahead the expert aims [m].
-    tremble:
+    action_noise:
         Deviation of the normal noise on every action, the same for every driver.
     runs:
         Under-trained PPO runs that the negatives come from.
@@ -80,7 +85,7 @@ class RCSettings:
     negatives: int = 1_170
     segment: int = 75
     ahead: float = 1.4
-    tremble: float = 0.05
+    action_noise: float = 0.05
     runs: int = 12
     policies: int = 8
     measure: int = 8
@@ -102,9 +107,9 @@ class RCSettings:
             raise InvalidInputError(
                 f"negatives: expected at least {len(RC_BANDS)}, found {self.negatives}"
             )
-        if not 0 <= self.tremble < np.inf:
+        if not 0 <= self.action_noise < np.inf:
             raise InvalidInputError(
-                f"tremble: expected a finite number of at least 0, found {self.tremble}"
+                f"action_noise: expected a finite number of at least 0, found {self.action_noise}"
             )
         if not 0 < self.ahead < np.inf:
             raise InvalidInputError(f"ahead: expected a positive length, found {self.ahead}")
@@ -123,7 +128,7 @@ class RCCollected:
     car: RCCar
     seed: int
     expert_return: float
-    taken: Sequence[Taken]
+    taken: Sequence[Selection]
 
     def episodes(self) -> list[Episode]:
         """Return the demonstrations."""
@@ -143,31 +148,37 @@ def collect_rc(
         return RCLidarEnv(settings.track, car=car, episode_steps=settings.lap_steps)
 
     env = make_env()
-    course = Course(env, first_seed=seed * _SEEDS_APART, tremble=settings.tremble)
+    course = EvaluationCourse(
+        env, first_seed=seed * _SEEDS_APART, action_noise=settings.action_noise
+    )
     laps = _laps(course, Pursuit(env, ahead=settings.ahead), settings)
     progress("drive expert", settings.laps, settings.laps)
     expert_return = float(np.mean([lap.total for lap in laps]))
     taken = [
-        Taken(lap, len(lap), lap.total / expert_return, EXPERT, labeled=row < settings.laps // 2)
+        Selection(
+            lap, len(lap), lap.total / expert_return, EXPERT, labeled=row < settings.laps // 2
+        )
         for row, lap in enumerate(laps)
     ]
-    taken += _negatives(School(make_env, course, seed, progress), settings, expert_return)
+    taken += _negatives(DriverTrainer(make_env, course, seed, progress), settings, expert_return)
     return RCCollected(settings, car, seed, expert_return, taken)
 
 
-def _laps(course: Course, expert: Pursuit, settings: RCSettings) -> list[Drive]:
+def _laps(course: EvaluationCourse, expert: Pursuit, settings: RCSettings) -> list[RecordedEpisode]:
     laps = [course.drive(expert) for _ in range(settings.laps)]
     for row, lap in enumerate(laps):
         if lap.ending != "truncated":
             raise NotFoundError(
                 f"lap {row} by {expert}: expected {settings.lap_steps} steps without a collision, "
-                f"found one after {len(lap)}; let it tremble less or aim elsewhere"
+                f"found one after {len(lap)}; give it less action_noise or another target distance"
             )
     return laps
 
 
-def _negatives(school: School, settings: RCSettings, expert_return: float) -> list[Taken]:
-    checkpoints, scores = school.under_trained(
+def _negatives(
+    school: DriverTrainer, settings: RCSettings, expert_return: float
+) -> list[Selection]:
+    checkpoints, scores = school.train_under_trained(
         settings.under_trained,
         runs=settings.runs,
         measure=settings.measure,
@@ -176,7 +187,9 @@ def _negatives(school: School, settings: RCSettings, expert_return: float) -> li
     bounds = np.linspace(0, settings.negatives, len(RC_BANDS) + 1).astype(int)
     taken = []
     for band, wanted in zip(RC_BANDS, np.diff(bounds).tolist(), strict=True):
-        drivers = [checkpoints[row] for row in pick(scores, band, at_most=settings.policies)]
+        drivers = [
+            checkpoints[row] for row in select_policies(scores, band, at_most=settings.policies)
+        ]
         drives = drives_within(
             band,
             drivers,
@@ -185,7 +198,9 @@ def _negatives(school: School, settings: RCSettings, expert_return: float) -> li
             patience=200 * settings.lap_steps,
         )
         taken += [
-            Taken(drive, pairs, drive.total / expert_return, band.tier, first=len(drive) - pairs)
+            Selection(
+                drive, pairs, drive.total / expert_return, band.tier, first=len(drive) - pairs
+            )
             for drive, pairs in first_pairs(drives, wanted, at_most=settings.segment)
         ]
         school.progress(f"drive quality {band.tier}", wanted, wanted)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ssil_trainers.collection.quality_tiers import EXPERT
 from ssil_trainers.collection.rc_lidar import RC_BANDS, RCCollected, RCSettings
-from ssil_trainers.collection.recording import Taken, drivers_table
-from ssil_trainers.envs.rc_lidar.tracks import TEST_TRACKS, TRAINING_TRACK, named_track
+from ssil_trainers.collection.recording import Selection, drivers_table
+from ssil_trainers.envs.rc_lidar.tracks import TEST_TRACKS, TRAINING_TRACK, find_track
 
 _LIBRARIES = ("numba", "gymnasium", "stable-baselines3", "torch", "numpy")
 _NEARLY = 0.01
@@ -64,13 +64,13 @@ x, y of the rear axle in metres before the action; `reward` is 1 after an action
   is not in the state: a person who knows the track.
 - Negatives: {settings.runs} runs of stable-baselines3's PPO on the reward, {_run(settings)}.
 - Actions: every driver acts by the mean of its policy plus normal noise of deviation
-  {settings.tremble:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
+  {settings.action_noise:g}, clipped to [−1, 1]: the same for all, so that noise tells nobody apart.
 - A checkpoint stands for a quality if its mean score over {settings.measure} episodes and half of
   those episodes (or as many as the best such checkpoint has) lie in the band; at most
   {settings.policies} stand for one, spread evenly over the mean scores found. They drive in turns,
   and an episode is kept if its own score lies in the band; of one at
   most {settings.segment} pairs are kept, the last, which lead to the wall.
-{_chosen(settings)}
+{_describe_selection(settings)}
 ## Drivers
 
 {drivers_table(collected.taken, (EXPERT, *(band.tier for band in RC_BANDS)))}
@@ -103,11 +103,11 @@ def _is_lap(collected: RCCollected) -> bool:
 
 
 def _laps(collected: RCCollected) -> float:
-    track = named_track(collected.settings.track)
+    track = find_track(collected.settings.track)
     return collected.settings.lap_steps / collected.car.lap_steps(track)
 
 
-def _chosen(settings: RCSettings) -> str:
+def _describe_selection(settings: RCSettings) -> str:
     """Tell what the usual settings were chosen by; others are the user's own choice."""
     if settings != RCSettings():
         return ""
@@ -125,12 +125,12 @@ def _tiers(collected: RCCollected) -> str:
     groups = [(EXPERT, True), (EXPERT, False), *((band.tier, False) for band in RC_BANDS)]
     for tier, labeled in groups:
         taken = [t for t in collected.taken if (t.tier, t.labeled) == (tier, labeled)]
-        rows.append(f"| {tier} | {'yes' if labeled else 'no'} | {_measured(taken)} |")
+        rows.append(f"| {tier} | {'yes' if labeled else 'no'} | {_describe_scores(taken)} |")
     rows.append("\ncollisions: episodes that are kept to their end at a wall.")
     return "\n".join(rows)
 
 
-def _measured(taken: Sequence[Taken]) -> str:
+def _describe_scores(taken: Sequence[Selection]) -> str:
     scores = [t.score for t in taken]
     collisions = sum(t.episode().ending == "terminated" for t in taken)
     return (

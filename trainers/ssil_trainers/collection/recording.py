@@ -18,7 +18,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class RecordedEpisode:
     """One whole episode of T steps as it was driven.
 
     states (T, d) and positions (T, 2) in metres are from before, rewards (T,) from after the
@@ -43,10 +43,10 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class Selection:
     """So many pairs of a drive, from its `first` on; score is that of the whole drive."""
 
-    drive: Drive
+    drive: RecordedEpisode
     pairs: int
     score: float
     tier: str
@@ -69,7 +69,7 @@ class Taken:
         )
 
 
-def drivers_table(taken: Sequence[Taken], tiers: Sequence[str]) -> str:
+def drivers_table(taken: Sequence[Selection], tiers: Sequence[str]) -> str:
     """Return who drove how much of each tier, as a table in Markdown."""
     rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
     for tier in tiers:
@@ -83,11 +83,11 @@ def drivers_table(taken: Sequence[Taken], tiers: Sequence[str]) -> str:
 
 
 def record(
-    env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int, tremble: float = 0.0
-) -> Drive:
+    env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int, action_noise: float = 0.0
+) -> RecordedEpisode:
     """Drive one episode until it ends or is cut off; `seed` draws the start and the trembling.
 
-    tremble is the deviation of the normal noise on every action, whoever drives. The environment
+    action_noise is the deviation of the normal noise on every action, whoever drives. The environment
     tells position and underlying_reward in its info.
     """
     hand = np.random.default_rng([seed, 1])
@@ -96,14 +96,14 @@ def record(
     terminated = truncated = False
     while not (terminated or truncated):
         meant = policy(state)
-        action = np.clip(meant + tremble * hand.standard_normal(meant.shape), -1.0, 1.0)
+        action = np.clip(meant + action_noise * hand.standard_normal(meant.shape), -1.0, 1.0)
         action = action.astype(np.float32)
         states.append(state)
         actions.append(action)
         positions.append(info["position"])
         state, _, terminated, truncated, info = env.step(action)
         rewards.append(info["underlying_reward"])
-    return Drive(
+    return RecordedEpisode(
         states=np.array(states, dtype=np.float32),
         actions=np.array(actions, dtype=np.float32),
         rewards=np.array(rewards, dtype=np.float32),
@@ -113,18 +113,18 @@ def record(
     )
 
 
-class Course:
+class EvaluationCourse:
     """Where drivers are compared: one environment and trembling for all, new starts every time."""
 
     def __init__(
-        self, env: gymnasium.Env[Any, Any], *, first_seed: int = 0, tremble: float = 0.0
+        self, env: gymnasium.Env[Any, Any], *, first_seed: int = 0, action_noise: float = 0.0
     ) -> None:
         """Number the episodes' seeds from `first_seed`."""
-        self._env, self._seeds, self._tremble = env, count(first_seed), tremble
+        self._env, self._seeds, self._action_noise = env, count(first_seed), action_noise
 
-    def drive(self, policy: Policy) -> Drive:
+    def drive(self, policy: Policy) -> RecordedEpisode:
         """Drive the next episode."""
-        return record(self._env, policy, seed=next(self._seeds), tremble=self._tremble)
+        return record(self._env, policy, seed=next(self._seeds), action_noise=self._action_noise)
 
     def returns(self, policy: Policy, episodes: int) -> NDArray[np.float64]:
         """Measure the returns of so many episodes."""
@@ -132,14 +132,14 @@ class Course:
 
 
 def first_pairs(
-    drives: Iterable[Drive], pairs: int, *, at_most: int | None = None
-) -> list[tuple[Drive, int]]:
+    drives: Iterable[RecordedEpisode], pairs: int, *, at_most: int | None = None
+) -> list[tuple[RecordedEpisode, int]]:
     """Take drives until they hold `pairs` pairs; return each with how many of its pairs to keep.
 
     drives must not run out. Of one drive at most `at_most` pairs are kept, its first; the last
     drive is cut to fit.
     """
-    taken: list[tuple[Drive, int]] = []
+    taken: list[tuple[RecordedEpisode, int]] = []
     missing = pairs
     for drive in drives:
         kept = min(len(drive), missing, at_most or len(drive))

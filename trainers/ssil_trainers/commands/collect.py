@@ -41,7 +41,7 @@ def racetrack(
     name:
         The dataset's name in the store.
     """
-    store, command = _unused(place, name), _command("racetrack", seed, name, settings)
+    store, command = _refuse_taken_name(place, name), _command("racetrack", seed, name, settings)
     with progress() as report:
         collected = collect_racetrack(seed=seed, settings=settings, progress=report)
     store.create(
@@ -70,7 +70,7 @@ def rc_lidar(
     name:
         The dataset's name in the store.
     """
-    store, command = _unused(place, name), _command("rc-lidar", seed, name, settings)
+    store, command = _refuse_taken_name(place, name), _command("rc-lidar", seed, name, settings)
     with progress() as report:
         collected = collect_rc(seed=seed, settings=settings, progress=report)
     store.create(
@@ -82,7 +82,7 @@ def rc_lidar(
     )
 
 
-def _unused(place: Place, name: str) -> Store:
+def _refuse_taken_name(place: Place, name: str) -> Store:
     """Open the store, before anything is trained for a name that is taken."""
     store = place.open()
     if name in store:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ssil_data.commands.output import AsJson, print_json, print_table, progress
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.envs.registry import single
+from ssil_trainers.envs.registry import make_single
 
 Picture = Callable[[NDArray[np.uint8]], None]
 
@@ -49,7 +49,7 @@ def evaluate(
         raise InvalidInputError(f"video: expected a file name ending in .mp4, found {video}")
     driver = Policy.load(policy)
     task = env or driver.described["origin"]["env"]
-    world = single(task)
+    world = make_single(task)
     refuse_unfit(driver, world)
     with progress() as report:
         driven = []
@@ -94,7 +94,7 @@ def film(
     """Write one episode as an mp4 film, telling how many frames it has so far."""
     import imageio.v2 as imageio
 
-    env = single(task, render_mode="rgb_array")
+    env = make_single(task, render_mode="rgb_array")
     rate = env.metadata.get("render_fps", 30)
     path.parent.mkdir(parents=True, exist_ok=True)
     with imageio.get_writer(path, fps=rate, macro_block_size=2) as frames:

@@ -13,10 +13,10 @@ from ssil_data.client import ServiceError
 from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
-from ssil_trainers.envs.registry import side_by_side, spec_of
-from ssil_trainers.training.data_source import Origin, open_lessons
-from ssil_trainers.training.progress import events, screen
-from ssil_trainers.training.run import CHECKPOINT, POLICY, Job, Seen, Trained
+from ssil_trainers.envs.registry import find_spec, make_vectorized
+from ssil_trainers.training.data_source import DataSource, load_training_data
+from ssil_trainers.training.progress import progress_display, tensorboard
+from ssil_trainers.training.run import CHECKPOINT, POLICY, Callback, TrainJob, TrainResult
 from ssil_trainers.training.run import train as train_job
 
 Name = Literal[
@@ -39,7 +39,7 @@ def train(
     /,
     *,
     env: str,
-    origin: Annotated[Origin, Parameter(name="*")],
+    origin: Annotated[DataSource, Parameter(name="*")],
     preset: Literal["default", "paper"] = "default",
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     resume: bool = False,
@@ -69,25 +69,28 @@ def train(
         Go on from the folder's checkpoint, to the same result as without the interruption; without
         one, begin, and say so.
     """
-    spec_of(env)
+    find_spec(env)
     settings = replace(settings, **PAPER) if preset == "paper" else settings
     folder = output or _folder(method, env, origin, settings.seed)
     if resume and not (folder / CHECKPOINT).exists():
         print(f"No checkpoint in {folder}: training begins anew.", file=sys.stderr)
     iterations = METHODS[method].settings(settings).iterations
     try:
-        with open_lessons(origin, method, place) as lessons:
-            job = Job(
+        with load_training_data(origin, method, place) as lessons:
+            job = TrainJob(
                 method=method,
                 settings=settings,
                 demonstrations=lessons.demonstrations,
-                worlds=lambda count: side_by_side(env, count),
+                worlds=lambda count: make_vectorized(env, count),
                 origin={"env": env, **lessons.identity},
                 expert_return=lessons.expert_return,
                 folder=folder,
             )
-            with screen(f"{method} {env}", iterations) as seen, events(folder, seen) as seen:
-                trained = _trained(job, resume, seen)
+            with (
+                progress_display(f"{method} {env}", iterations) as seen,
+                tensorboard(folder, seen) as seen,
+            ):
+                trained = _train(job, resume, seen)
     except KeyboardInterrupt:
         print(f"Stopped. {_on_from(folder)}", file=sys.stderr)
         raise SystemExit(130) from None
@@ -98,7 +101,7 @@ def train(
         print_table(f"{method} on {env}", [result])
 
 
-def _trained(job: Job, resume: bool, seen: Seen) -> Trained:
+def _train(job: TrainJob, resume: bool, seen: Callback) -> TrainResult:
     """Train, and say of a service that stays away how to go on."""
     try:
         return train_job(job, resume=resume, seen=seen)
@@ -113,6 +116,6 @@ def _on_from(folder: Path) -> str:
     return f"The same command with --resume goes on from the checkpoint in {folder}."
 
 
-def _folder(method: str, env: str, origin: Origin, seed: int) -> Path:
+def _folder(method: str, env: str, origin: DataSource, seed: int) -> Path:
     named = [origin.dataset, origin.run, origin.labels, env.partition("?")[0], method, seed]
     return Path("training") / "-".join(str(part) for part in named if part is not None)

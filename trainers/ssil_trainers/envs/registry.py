@@ -17,7 +17,7 @@ TASKS = {"racetrack": "SSILRacetrack-v0", "rc-lidar": "RCLidar-v0"}
 """Short names; any other registered gymnasium id is meant as it stands."""
 
 
-def spec_of(task: str) -> EnvSpec:
+def find_spec(task: str) -> EnvSpec:
     """Look up a task such as `racetrack` or, with settings, `racetrack?policy_hz=5&track=large`.
 
     Raises NotFoundError for an unknown name, InvalidInputError for settings of another form.
@@ -36,21 +36,21 @@ def spec_of(task: str) -> EnvSpec:
     return spec
 
 
-def single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
+def make_single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
     """Make one environment, the real one; errors as in `spec_of`."""
     try:
-        return gymnasium.make(spec_of(task), render_mode=render_mode)
+        return gymnasium.make(find_spec(task), render_mode=render_mode)
     except TypeError as error:
         raise InvalidInputError(f"{task}: expected the environment's settings: {error}") from None
 
 
-def side_by_side(task: str, count: int) -> VectorEnv[Any, Any, Any]:
+def make_vectorized(task: str, count: int) -> VectorEnv[Any, Any, Any]:
     """Make `count` environments that are stepped together; errors as in `spec_of`.
 
     The project's own tasks have a vectorised twin, any other is stepped one by one, and so is the
     racetrack with highway-env's traffic. An ended episode starts anew in the same step.
     """
-    spec, mode = spec_of(task), AutoresetMode.SAME_STEP
+    spec, mode = find_spec(task), AutoresetMode.SAME_STEP
     try:
         if spec.id in TASKS.values() and not spec.kwargs.get("other_vehicles"):
             return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)

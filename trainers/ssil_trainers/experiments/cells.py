@@ -20,11 +20,11 @@ from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.commands.evaluate import drive
-from ssil_trainers.envs.registry import side_by_side, single
+from ssil_trainers.envs.registry import make_single, make_vectorized
 from ssil_trainers.experiments.lessons import Fit
 from ssil_trainers.experiments.protocol import Table
-from ssil_trainers.training.data_source import Lessons
-from ssil_trainers.training.run import Job, train
+from ssil_trainers.training.data_source import TrainingData
+from ssil_trainers.training.run import TrainJob, train
 
 FIRST_TEST_SEED = 10_000
 """Where an episode of a test starts: at this seed and those after it, for every policy."""
@@ -98,21 +98,21 @@ class Training(Task):
         wall, processor = time.perf_counter(), time.process_time()
         table, method = self.table, self.cell.method
         run = None if self.fit is None else self.fit.run
-        lessons = Lessons.of(Store(self.store)[self.dataset], run, threads=1)
+        lessons = TrainingData.of(Store(self.store)[self.dataset], run, threads=1)
         full = table.full_score or lessons.expert_return
         if full is None:
             raise InvalidInputError(f"{self.dataset}: expected scored episodes with rewards")
-        job = Job(
+        job = TrainJob(
             method,
             self.settings,
             lessons.demonstrations,
-            lambda count: side_by_side(table.train_on, count),
+            lambda count: make_vectorized(table.train_on, count),
             origin={},
             expert_return=full,
         )
         trained = train(job)
         rows = [moment.row() for moment in trained.curve if moment.evaluation is not None]
-        tests = {test: _driven(trained.policy, test, table.episodes) for test in table.tests}
+        tests = {test: _evaluate(trained.policy, test, table.episodes) for test in table.tests}
         scores = {test: float(np.mean(found["returns"]) / full) for test, found in tests.items()}
         self.keep(
             {
@@ -147,9 +147,9 @@ def settings_of(method: str, given: TrainSettings) -> dict[str, Any]:
     return asdict(METHODS[method].settings(given))
 
 
-def _driven(policy: Policy, task: str, episodes: int) -> dict[str, list[Any]]:
+def _evaluate(policy: Policy, task: str, episodes: int) -> dict[str, list[Any]]:
     """Drive so many episodes of the real environment."""
-    world = single(task)
+    world = make_single(task)
     driven = [drive(policy, world, seed=FIRST_TEST_SEED + number) for number in range(episodes)]
     world.close()
     returns, lengths = zip(*driven, strict=True)

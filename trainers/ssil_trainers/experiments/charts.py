@@ -8,7 +8,7 @@ from typing import Any
 import altair as alt
 import numpy as np
 
-from ssil_data.report.look import Spec, finished, title
+from ssil_data.report.look import Spec, build_spec, title
 from ssil_trainers.experiments import paper
 from ssil_trainers.experiments.protocol import Table
 from ssil_trainers.experiments.results import Results, curve
@@ -64,9 +64,9 @@ def curves(table: Table, results: Results) -> Spec:
         ],
     )
     whole = alt.Chart().mark_rule(strokeDash=[3, 3], opacity=0.5).encode(y=alt.datum(0.9))
-    chart = _faceted(alt.layer(band, line, whole), table, "curves", height=250)
+    chart = _facet(alt.layer(band, line, whole), table, "curves", height=250)
     named = chart.properties(title=title("Learning curves: mean over seeds, least to most"))
-    return finished(named.add_params(chosen), {"curves": rows})
+    return build_spec(named.add_params(chosen), {"curves": rows})
 
 
 def finals(table: Table, results: Results) -> Spec:
@@ -93,12 +93,12 @@ def finals(table: Table, results: Results) -> Spec:
     published = base.mark_point(shape="diamond", size=60, strokeWidth=1.5).encode(
         x="paper:Q", tooltip=[alt.Tooltip("paper:Q", title="Paper", format=".3f")]
     )
-    chart = _faceted(alt.layer(interval, middle, published), table, "finals", height=210)
+    chart = _facet(alt.layer(interval, middle, published), table, "finals", height=210)
     text = "Final scores: interquartile mean and 95 % interval; diamonds are the paper's"
-    return finished(chart.properties(title=title(text)), {"finals": rows})
+    return build_spec(chart.properties(title=title(text)), {"finals": rows})
 
 
-def _faceted(layers: Any, table: Table, data: str, *, height: int) -> Any:
+def _facet(layers: Any, table: Table, data: str, *, height: int) -> Any:
     """Return a panel for every number of labels, two beside each other."""
     several = len(table.labels) > 1
     panel = layers.properties(width=440 if several else 860, height=height)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.quality import spearman
-from ssil_trainers.experiments.statistics import Excess, deviation, support, told_apart
+from ssil_trainers.experiments.statistics import Excess, deviation, false_verdict_rate, support
 
 SUPPORT = 0.95
 FEWEST_SEEDS = 3
@@ -92,7 +92,7 @@ class Exceeds:
         better, worse = both
         higher = support(better, worse, _higher(1.0))
         as_much = support(better, worse, _higher(self.factor))
-        by = f"{_spread(better)} against {_spread(worse)}; higher in {higher:.0%} of resamples"
+        by = f"{_score_range(better)} against {_score_range(worse)}; higher in {higher:.0%} of resamples"
         found = _verdict(float(better.mean() - worse.mean()), higher, as_much, by)
         needed, top = self.factor * float(worse.mean()), numbers.highest(self.table)
         if found.verdict is not Verdict.REPRODUCED and needed > top:
@@ -184,8 +184,8 @@ def by_chance(seeds: int) -> Chance | None:
     if seeds < FEWEST_SEEDS:
         return None
     return Chance(
-        means=told_apart(_higher(1.0), seeds, SUPPORT),
-        deviations=told_apart(_steadier(1.0), seeds, SUPPORT),
+        means=false_verdict_rate(_higher(1.0), seeds, SUPPORT),
+        deviations=false_verdict_rate(_steadier(1.0), seeds, SUPPORT),
     )
 
 
@@ -222,5 +222,5 @@ def _steadier(share: float) -> Excess:
     return lambda first, second: share * second.std(axis=1) - first.std(axis=1)
 
 
-def _spread(scores: NDArray[np.float64]) -> str:
+def _score_range(scores: NDArray[np.float64]) -> str:
     return f"{scores.mean():.3f} ± {deviation(scores):.3f} ({len(scores)} seeds)"

@@ -38,13 +38,13 @@ class Fit:
         """What a progress line calls it."""
         return f"{self.estimator} {self.preset} on {self.dataset}, seed {self.seed}"
 
-    def made(self) -> bool:
+    def is_made(self) -> bool:
         """Tell whether the run is there."""
         return self.run in Store(self.store)[self.dataset].runs.names()
 
     def __call__(self) -> None:
         """Make the run if it was not made before."""
-        if not self.made():
+        if not self.is_made():
             recipe = preset(self.preset, self.estimator)
             score(
                 Store(self.store)[self.dataset],
@@ -56,7 +56,7 @@ class Fit:
             )
 
 
-def working_copy(source: Store, name: str, work: Path) -> Store:
+def copy_dataset(source: Store, name: str, work: Path) -> Store:
     """Copy a dataset into a store of its own below `work`, once for each version.
 
     A copy that somebody changed since is made again.
@@ -78,6 +78,6 @@ def working_copy(source: Store, name: str, work: Path) -> Store:
     return store
 
 
-def labeled_dataset(store: Store, name: str, labels: int | None) -> str:
+def dataset_with_labels(store: Store, name: str, labels: int | None) -> str:
     """Return the name of the dataset with so many labels, which is made if it must be."""
     return name if labels is None else with_labels(store, name, labels).name

@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ssil_data.report.rendering import MINUS, rendered
+from ssil_data.report.rendering import MINUS, render
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.collection.racetrack import RacetrackSettings
 from ssil_trainers.experiments import charts, paper
@@ -48,7 +48,7 @@ def page(
         "settings": _settings(plan),
         "made_by": made_by,
     }
-    return rendered(context, folder=HERE, filters={"number": _number, "count": _count})
+    return render(context, folder=HERE, filters={"number": _number, "count": _count})
 
 
 def _sections(plan: Plan, results: Results) -> list[dict[str, Any]]:
@@ -86,7 +86,7 @@ def _caption(table: Table, results: Results) -> str:
         "All policies start from a behaviour-cloned one." if table.pretrained else "",
         f"Score: mean return of {table.episodes} episodes on {where}, over",
         _unit(table, results),
-        saturated(table, results),
+        describe_saturation(table, results),
         paper.REMARKS.get(table.name, ""),
     ]
     return " ".join(filter(None, found))
@@ -100,12 +100,12 @@ def _unit(table: Table, results: Results) -> str:
     number = "" if whole is None else f", {whole:,.0f},"
     return (
         f"the expert's mean return{number} as recorded with the demonstrations. That expert's "
-        f"actions have normal noise of deviation {RacetrackSettings().tremble:g}; a policy drives "
+        f"actions have normal noise of deviation {RacetrackSettings().action_noise:g}; a policy drives "
         "by its mean action, without it, and can exceed 1."
     )
 
 
-def saturated(table: Table, results: Results) -> str:
+def describe_saturation(table: Table, results: Results) -> str:
     """Say which methods a bounded score does not tell apart any more; nothing if none is full."""
     means = {row["title"]: row["mean"] for row in results.rows(table)}
     full = [title for title, mean in means.items() if mean >= FULL]

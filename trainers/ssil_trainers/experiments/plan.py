@@ -21,7 +21,7 @@ from ssil_trainers.experiments.cells import (
     settings_of,
 )
 from ssil_trainers.experiments.identity import code, versions
-from ssil_trainers.experiments.lessons import Fit, labeled_dataset, working_copy
+from ssil_trainers.experiments.lessons import Fit, copy_dataset, dataset_with_labels
 from ssil_trainers.experiments.protocol import (
     ESTIMATORS,
     LEVERAGE,
@@ -55,7 +55,7 @@ class Plan:
     def tasks(self) -> list[Task]:
         """All cells, a seed after another; makes the working copies that they need."""
         training = [
-            self._training(table, row, labels, seed)
+            self._training_tasks(table, row, labels, seed)
             for seed in self.seeds
             for table in self.tables
             for row in table.rows
@@ -69,26 +69,26 @@ class Plan:
 
     def store(self, dataset: str) -> Store:
         """Return the working store of a dataset."""
-        return working_copy(self.source, dataset, self.work)
+        return copy_dataset(self.source, dataset, self.work)
 
     def _scorings(self) -> list[Task]:
         if self.leverage is None:
             return []
         return [
-            self._scoring(self.leverage, preset, estimator, seed)
+            self._scoring_tasks(self.leverage, preset, estimator, seed)
             for seed in self.seeds
             for preset in LEVERAGE_PRESETS
             for estimator in self.estimators
         ]
 
-    def _scoring(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
+    def _scoring_tasks(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
         fit = Fit.of(self.store(dataset).folder.uri, dataset, estimator, preset, seed)
         cell = Cell(LEVERAGE, preset, estimator, None, seed)
         return Scoring(cell, self._identity(cell, dataset, fit, {}), self.output, fit)
 
-    def _training(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
+    def _training_tasks(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
         store, settings = self.store(table.dataset), self.settings(table, seed)
-        dataset = labeled_dataset(store, table.dataset, labels)
+        dataset = dataset_with_labels(store, table.dataset, labels)
         fit = None
         if METHODS[row.method].takes_run:  # MixGAIL, too: one kernel for all
             estimator = row.estimator or SHARED_RUN
@@ -128,4 +128,4 @@ class Plan:
 def fits_of(tasks: Sequence[Task]) -> list[Fit]:
     """Return the scoring runs that tasks need and nobody made, each once."""
     found = dict.fromkeys(task.fit for task in tasks if task.fit is not None)
-    return [fit for fit in found if not fit.made()]
+    return [fit for fit in found if not fit.is_made()]

@@ -26,7 +26,7 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
     A table that this run does not have, but one before it left there, is removed.
     """
     numbers = results.numbers(plan.tables)
-    paper, own = results.judged(claims(), numbers), results.judged(controls(), numbers)
+    paper, own = results.judge(claims(), numbers), results.judge(controls(), numbers)
     counted = Counter(row["verdict"] for row in paper)
     verdicts = {verdict.value: counted[verdict.value] for verdict in Verdict}
     settings = _settings(plan)

@@ -87,7 +87,7 @@ def reproduce(
     whole = narrowed == ("all", None, "default", (), (), TrainSettings()) and seeds >= FEWEST_SEEDS
     output = output or (WHOLE if whole else PARTIAL)
     plan = Plan(
-        tables=_narrowed(
+        tables=_narrow(
             [known for known in TRAINING_TABLES if table in (known.name, known.dataset, "all")],
             labels,
             methods,
@@ -129,7 +129,7 @@ def run(plan: Plan, *, workers: int, tell: Tell) -> Results:
     return Results([result for result in found if result is not None])
 
 
-def _narrowed(
+def _narrow(
     tables: Sequence[Table], labels: tuple[int, ...], methods: tuple[str, ...]
 ) -> tuple[Table, ...]:
     """Keep of the tables these labels and methods; a table that has none of them is left out."""

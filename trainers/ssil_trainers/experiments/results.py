@@ -150,7 +150,7 @@ class Results:
                 )
         return made
 
-    def judged(self, claims: Iterable[Claim], numbers: Numbers) -> list[Record]:
+    def judge(self, claims: Iterable[Claim], numbers: Numbers) -> list[Record]:
         """Return each claim with its verdict and the numbers it was judged by."""
         made = []
         for claim in claims:

@@ -100,7 +100,7 @@ def interquartile_mean(values: ArrayLike) -> float:
 
 def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
     """Return the bootstrap interval of the interquartile mean of all values of all strata."""
-    drawn = np.concatenate([resampled(stratum, seed) for seed, stratum in enumerate(strata)], 1)
+    drawn = np.concatenate([resample(stratum, seed) for seed, stratum in enumerate(strata)], 1)
     tail = (1 - INTERVAL) / 2
     low, high = np.quantile(_interquartile_means(drawn), [tail, 1 - tail])
     return float(low), float(high)
@@ -108,10 +108,10 @@ def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
 
 def support(first: ArrayLike, second: ArrayLike, excess: Excess) -> float:
     """Return the share of resamples in which `excess` is above 0, ties half."""
-    return float(_supports(resampled(first, 0), resampled(second, 1), excess))
+    return float(_supports(resample(first, 0), resample(second, 1), excess))
 
 
-def told_apart(excess: Excess, seeds: int, level: float) -> float:
+def false_verdict_rate(excess: Excess, seeds: int, level: float) -> float:
     """Return how often equally good methods get support of `level`, one way or the other.
 
     Simulated: both have so many normal scores of the same mean and deviation.
@@ -120,8 +120,8 @@ def told_apart(excess: Excess, seeds: int, level: float) -> float:
     few = 50  # resamples of many trials at once would fill the memory
     found = [
         _supports(
-            resampled(rng.normal(size=(seeds, few)), 0),
-            resampled(rng.normal(size=(seeds, few)), 1),
+            resample(rng.normal(size=(seeds, few)), 0),
+            resample(rng.normal(size=(seeds, few)), 1),
             excess,
         )
         for _ in range(TRIALS // few)
@@ -130,7 +130,7 @@ def told_apart(excess: Excess, seeds: int, level: float) -> float:
     return float(((shares >= level) | (shares <= 1 - level)).mean())
 
 
-def resampled(values: ArrayLike, seed: int) -> NDArray[np.float64]:
+def resample(values: ArrayLike, seed: int) -> NDArray[np.float64]:
     """Draw resamples (RESAMPLES, n, ...) of n values (n, ...) with replacement."""
     values = np.asarray(values, np.float64)
     rows = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))

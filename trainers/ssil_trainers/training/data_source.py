@@ -11,15 +11,15 @@ import numpy as np
 
 from ssil_data.client import RemoteDataset
 from ssil_data.commands.output import Place, progress
-from ssil_data.commands.serving import asked
+from ssil_data.commands.serving import open_store
 from ssil_data.errors import InvalidInputError
 from ssil_data.store.dataset import Dataset
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
-from ssil_trainers.training.label_subset import expert_return, scored_like, with_labels
+from ssil_trainers.training.label_subset import expert_return, score_like, with_labels
 
 
 @dataclass(frozen=True)
-class Origin:
+class DataSource:
     """What is learned from.
 
     Parameters
@@ -43,7 +43,7 @@ class Origin:
 
 
 @dataclass(frozen=True, eq=False)
-class Lessons:
+class TrainingData:
     """Demonstrations, the expert's mean return if it is known, and JSON that tells them apart."""
 
     demonstrations: Demonstrations
@@ -53,7 +53,7 @@ class Lessons:
     @classmethod
     def of(
         cls, dataset: Dataset | RemoteDataset, run: str | None, *, threads: int | None = None
-    ) -> Lessons:
+    ) -> TrainingData:
         """Read a dataset, and the leverage and field of a run if one is named.
 
         A field of this process is asked by `threads`, or by all processors.
@@ -73,7 +73,7 @@ class Lessons:
 
 
 @contextmanager
-def open_lessons(origin: Origin, method: str, place: Place) -> Iterator[Lessons]:
+def load_training_data(origin: DataSource, method: str, place: Place) -> Iterator[TrainingData]:
     """Open what a method learns from, as long as it learns; one that asks no leverage has none.
 
     Raises InvalidInputError for a missing run or fewer labels at a service, NotFoundError.
@@ -86,8 +86,8 @@ def open_lessons(origin: Origin, method: str, place: Place) -> Iterator[Lessons]
         name = _with_labels(origin, run, place)
     if origin.service is None:
         _check_known(place, name, run)
-    with asked(place, origin.service) as store:
-        yield Lessons.of(store[name], run)
+    with open_store(place, origin.service) as store:
+        yield TrainingData.of(store[name], run)
 
 
 def _check_known(place: Place, name: str, run: str | None) -> None:
@@ -97,7 +97,7 @@ def _check_known(place: Place, name: str, run: str | None) -> None:
         _ = dataset.runs[run]
 
 
-def _with_labels(origin: Origin, run: str | None, place: Place) -> str:
+def _with_labels(origin: DataSource, run: str | None, place: Place) -> str:
     """Return the name of the dataset with fewer labels, with its run made."""
     assert origin.labels is not None
     if origin.service is not None:
@@ -108,5 +108,5 @@ def _with_labels(origin: Origin, run: str | None, place: Place) -> str:
     dataset = with_labels(store, origin.dataset, origin.labels)
     if run is not None:
         with progress() as report:
-            scored_like(dataset, store[origin.dataset], run, report)
+            score_like(dataset, store[origin.dataset], run, report)
     return dataset.name

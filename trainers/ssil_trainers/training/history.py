@@ -25,7 +25,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Moment:
+class HistoryRow:
     """One row: steps so far, the iteration, None before the first, and the evaluation if any."""
 
     steps: int
@@ -33,7 +33,7 @@ class Moment:
     evaluation: Evaluation | None
 
     @classmethod
-    def of_json(cls, row: Mapping[str, Any]) -> Moment:
+    def from_json(cls, row: Mapping[str, Any]) -> HistoryRow:
         """Undo `asdict`."""
         iteration, evaluation = row["iteration"], row["evaluation"]
         return cls(
@@ -50,7 +50,7 @@ class Moment:
         return {**figures, "steps": self.steps, "score": scored.get("score")}
 
 
-def to_csv(curve: Sequence[Moment]) -> str:
+def to_csv(curve: Sequence[HistoryRow]) -> str:
     """Return the rows as CSV; what is not known is empty."""
     rows = [moment.row() for moment in curve]
     names = list(dict.fromkeys(name for row in reversed(rows) for name in row))

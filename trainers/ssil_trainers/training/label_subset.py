@@ -44,7 +44,7 @@ def with_labels(store: Store, name: str, labels: int) -> Dataset:
     )
 
 
-def scored_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) -> str:
+def score_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) -> str:
     """Return a run of `dataset` made as `run` of `source` was, fitted on its own labels.
 
     Raises ConflictError if `dataset` has a run of that name that was made otherwise.
@@ -72,14 +72,14 @@ def _refuse_other(dataset: Dataset, found: Run, expected: Run) -> None:
         one, other = getattr(expected, name), getattr(found, name)
         if one != other:
             raise ConflictError(
-                f"run {found.run!r} of {dataset.name}: expected {name} {one!r}, as the run of the "
+                f"run {found.name!r} of {dataset.name}: expected {name} {one!r}, as the run of the "
                 f"source has, found {other!r}"
             )
 
 
 def _episodes(source: Dataset, labels: int) -> Iterator[Episode]:
-    pairs, rewards = source.pairs(), source.recorded("reward")
-    positions = source.recorded("position")
+    pairs, rewards = source.pairs(), source.read_recorded("reward")
+    positions = source.read_recorded("position")
     start, missing = 0, labels
     for row in source.episodes.to_pylist():
         kept = min(row["length"], missing) if row["labeled"] else row["length"]
@@ -105,7 +105,7 @@ def expert_return(dataset: Dataset | RemoteDataset) -> float | None:
 
     For evaluation only. None where no reward or score is recorded, or no episode is whole.
     """
-    rewards = dataset.recorded("reward")
+    rewards = dataset.read_recorded("reward")
     if rewards is None:
         return None
     lengths = dataset.episodes["length"].to_numpy()

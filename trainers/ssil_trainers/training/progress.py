@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ssil_trainers.training.history import Moment
-from ssil_trainers.training.run import Seen
+from ssil_trainers.training.history import HistoryRow
+from ssil_trainers.training.run import Callback
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard.writer import SummaryWriter
 
 
 @contextmanager
-def screen(what: str, iterations: int) -> Iterator[Seen]:
+def progress_display(what: str, iterations: int) -> Iterator[Callback]:
     """Show score, η, discriminator's accuracy, KL and steps/s on standard error."""
-    tell = _Figures(what)
+    tell = _ProgressText(what)
     if not sys.stderr.isatty():
         yield lambda moment: print(tell(moment), file=sys.stderr) if moment.evaluation else None
         return
@@ -31,21 +31,21 @@ def screen(what: str, iterations: int) -> Iterator[Seen]:
     with Progress(text, *columns, console=Console(stderr=True)) as bars:
         bar = bars.add_task(what, total=iterations)
 
-        def show(moment: Moment) -> None:
+        def show(moment: HistoryRow) -> None:
             done = 0 if moment.iteration is None else moment.iteration.number
             bars.update(bar, description=tell(moment), completed=done)
 
         yield show
 
 
-class _Figures:
+class _ProgressText:
     """Puts the latest figures into one line; remembers the last score and the clock."""
 
     def __init__(self, what: str) -> None:
         self.what, self.score = what, ""
         self.clock: tuple[float, int] | None = None
 
-    def __call__(self, moment: Moment) -> str:
+    def __call__(self, moment: HistoryRow) -> str:
         now = (time.perf_counter(), moment.steps)
         if moment.evaluation is not None:
             score, mean = moment.evaluation.score, moment.evaluation.mean
@@ -63,12 +63,12 @@ class _Figures:
 
 
 @contextmanager
-def events(folder: Path, seen: Seen) -> Iterator[Seen]:
+def tensorboard(folder: Path, seen: Callback) -> Iterator[Callback]:
     """Also write every figure as a TensorBoard event into the folder, which the first one makes."""
     with ExitStack() as at_the_end:
         opened: list[SummaryWriter] = []
 
-        def both(moment: Moment) -> None:
+        def both(moment: HistoryRow) -> None:
             seen(moment)
             if not opened:
                 opened.append(at_the_end.enter_context(closing(_writer(folder))))

@@ -19,7 +19,7 @@ from ssil_trainers.algorithms.learner import Iteration, Learner
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rollout import Driver, returns
-from ssil_trainers.training.history import Evaluation, Moment, to_csv
+from ssil_trainers.training.history import Evaluation, HistoryRow, to_csv
 
 KIND = "ssil checkpoint"
 CHECKPOINT, POLICY, CURVE = "checkpoint.safetensors", "policy.safetensors", "curve.csv"
@@ -28,12 +28,12 @@ Worlds = Callable[[int], VectorEnv[Any, Any, Any]]
 """Makes so many environments side by side."""
 
 
-Seen = Callable[[Moment], None]
+Callback = Callable[[HistoryRow], None]
 """Called after every iteration."""
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class TrainJob:
     """What is trained, on what, and where it is kept.
 
     `origin` is JSON that tells the demonstrations apart: a checkpoint goes on with the same alone.
@@ -55,35 +55,37 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Trained:
+class TrainResult:
     """The policy after the last iteration, and the curve that led there."""
 
     policy: Policy
-    curve: tuple[Moment, ...]
+    curve: tuple[HistoryRow, ...]
 
 
-def train(job: Job, *, resume: bool = False, seen: Seen = lambda moment: None) -> Trained:
+def train(
+    job: TrainJob, *, resume: bool = False, seen: Callback = lambda moment: None
+) -> TrainResult:
     """Train to the end; same job, same machine, same bytes, however often it was interrupted.
 
     With a folder it leaves a checkpoint and a policy file at every boundary, and the curve. Raises
     ConflictError if the folder has a checkpoint and `resume` is off, or one of another job.
     """
     with _one_thread():
-        return _Run(job, resume=resume).to_the_end(seen)
+        return _TrainRun(job, resume=resume).run(seen)
 
 
-class _Run:
+class _TrainRun:
     """A job on its way."""
 
-    def __init__(self, job: Job, *, resume: bool) -> None:
+    def __init__(self, job: TrainJob, *, resume: bool) -> None:
         method = METHODS[job.method]
         self.settings = method.settings(job.settings)
         self.job = replace(job, settings=self.settings)
-        of, standardiser = job.demonstrations, job.demonstrations.standardiser
+        of, standardiser = job.demonstrations, job.demonstrations.standardizer
         self.examiners = job.worlds(self.settings.evaluations)
         driver = Driver(job.worlds(self.settings.environments))
         _refuse_unfit(of, driver)
-        experts = method.imitated(of, driver.box, standardiser)
+        experts = method.expert_sampler(of, driver.box, standardiser)
         shaping = method.shaping(of, self.settings.seed)
         self.learner = Learner(
             self.settings,
@@ -92,11 +94,11 @@ class _Run:
             shaping=shaping,
             standardiser=standardiser,
         )
-        self.curve: list[Moment] = []
-        if not self._restored(resume) and self.settings.pretrained:
+        self.curve: list[HistoryRow] = []
+        if not self._restore(resume) and self.settings.pretrained:
             self.learner.clone()
 
-    def to_the_end(self, seen: Seen) -> Trained:
+    def run(self, seen: Callback) -> TrainResult:
         if not self.curve:
             self._add(None, seen)
         if not self.settings.iterations:
@@ -109,13 +111,13 @@ class _Run:
         policy = self._keep_policy()
         for envs in (self.examiners, self.learner.driver.envs):
             envs.close()
-        return Trained(policy, tuple(self.curve))
+        return TrainResult(policy, tuple(self.curve))
 
-    def _add(self, iteration: Iteration | None, seen: Seen) -> None:
+    def _add(self, iteration: Iteration | None, seen: Callback) -> None:
         done, due = self.learner.done, self.settings.evaluate_every
         last = done >= self.settings.iterations
         evaluation = self._evaluation() if last or done % due == 0 else None
-        moment = Moment(0 if iteration is None else iteration.steps, iteration, evaluation)
+        moment = HistoryRow(0 if iteration is None else iteration.steps, iteration, evaluation)
         self.curve.append(moment)
         seen(moment)
 
@@ -140,7 +142,7 @@ class _Run:
         tensors.write(self.job.folder / CHECKPOINT, self.learner.arrays(), described)
         self._keep_policy()
 
-    def _restored(self, resume: bool) -> bool:
+    def _restore(self, resume: bool) -> bool:
         """Take up the folder's checkpoint if there is one."""
         path = None if self.job.folder is None else self.job.folder / CHECKPOINT
         if path is None or not path.exists():
@@ -155,7 +157,7 @@ class _Run:
                 )
         self._refuse_fewer_steps(path.with_name(POLICY))
         self.learner.restore(arrays, done=described["done"], eta=described["eta"])
-        self.curve = [Moment.of_json(row) for row in described["curve"]]
+        self.curve = [HistoryRow.from_json(row) for row in described["curve"]]
         return True
 
     def _refuse_fewer_steps(self, path: Path) -> None:

@@ -124,7 +124,10 @@ def test_committed_demonstrations_are_what_the_twin_sees() -> None:
     length = len(dataset.episode(0))
     of_six = slice(6 * length)  # the labeled episodes are equally long and come first
     states, actions = dataset.pairs().states[of_six], dataset.pairs().actions[of_six]
-    places, rewards = dataset.recorded("position")[of_six], dataset.recorded("reward")[of_six]
+    places, rewards = (
+        dataset.read_recorded("position")[of_six],
+        dataset.read_recorded("reward")[of_six],
+    )
     twin = RacetrackVectorEnv(6)
     seen, info = twin.reset(seed=80)  # the first one's seed, found by trying
     for step in range(length):

@@ -20,9 +20,9 @@ from ssil_trainers.collection.pure_pursuit import Pursuit
 from ssil_trainers.collection.recording import record
 from ssil_trainers.envs.rc_lidar.car import RCCar
 from ssil_trainers.envs.rc_lidar.env import STATE_NAMES, RCLidarEnv, RCLidarVectorEnv
-from ssil_trainers.envs.rc_lidar.rendering import colour_of, drive_picture
+from ssil_trainers.envs.rc_lidar.rendering import color_of, drive_picture
 from ssil_trainers.envs.rc_lidar.track import save_track
-from ssil_trainers.envs.rc_lidar.tracks import NAMED, named_track
+from ssil_trainers.envs.rc_lidar.tracks import NAMED, find_track
 from support.environment_steps import drive
 
 STILL = np.zeros(1, dtype=np.float32)
@@ -169,7 +169,7 @@ def test_pictures_come_as_fast_as_decisions(form: Any) -> None:
 
 
 def test_a_track_is_told_by_its_name_its_file_or_itself(tmp_path: Path) -> None:
-    track = named_track("hall")
+    track = find_track("hall")
     save_track(track, tmp_path / "mine.csv")
     for told in (track, "hall", tmp_path / "mine.csv", str(tmp_path / "mine.csv")):
         np.testing.assert_array_equal(RCLidarEnv(told).track.centre, track.centre)
@@ -191,12 +191,12 @@ def test_pictures_show_the_car_and_move_with_it() -> None:
 
 
 def test_a_drive_is_painted_in_the_colours_of_its_values() -> None:
-    track = named_track("yard")
+    track = find_track("yard")
     path = track.places(0.4)[:, :2]
     for value in (0.0, 1.0):
         image = np.asarray(drive_picture(track, path, np.full(len(path), value)))
-        painted = (image == colour_of(value)).all(axis=2).sum()
-        other = (image == colour_of(1 - value)).all(axis=2).sum()
+        painted = (image == color_of(value)).all(axis=2).sum()
+        other = (image == color_of(1 - value)).all(axis=2).sum()
         assert painted > 1_000 > other
     with pytest.raises(InvalidInputError, match=r"one for each position, found \(3,\)"):
         drive_picture(track, path, np.zeros(3))

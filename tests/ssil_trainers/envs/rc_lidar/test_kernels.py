@@ -9,7 +9,7 @@ from ssil_trainers.envs.rc_lidar import kernels as rc_kernel
 from ssil_trainers.envs.rc_lidar.car import RCCar
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv, RCLidarVectorEnv
 from ssil_trainers.envs.rc_lidar.lidar import Walls
-from ssil_trainers.envs.rc_lidar.tracks import named_track
+from ssil_trainers.envs.rc_lidar.tracks import find_track
 
 ROOM = [[-5, -5, 5, -5], [5, -5, 5, 5], [5, 5, -5, 5], [-5, 5, -5, -5]]
 """Far from the car, whose rectangle runs from -.09 to .42 m and .135 m to either side."""
@@ -35,7 +35,7 @@ def test_a_spike_through_any_side_of_the_car_touches_it(
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     turned = (np.reshape(wall, (2, 2)) @ turn.T).ravel()
     grid = Walls.of([*ROOM, turned]).grid
-    world = RCCar().on(named_track("hall"))._replace(grid=grid)
+    world = RCCar().on(find_track("hall"))._replace(grid=grid)
     assert rc_kernel.touches(world, 0.0, 0.0, heading) is hit
 
 
@@ -51,10 +51,10 @@ def test_a_spike_through_any_side_of_the_car_touches_it(
 )
 def test_a_start_is_blocked_by_a_wall_through_the_car(walls: list[list[float]], row: int) -> None:
     starts = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
-    world = RCCar().on(named_track("hall"))
+    world = RCCar().on(find_track("hall"))
     aside = 0.0 if row == 1 else 0.15
     world = world._replace(grid=Walls.of([*ROOM, *walls]).grid, starts=starts, aside=aside)
-    assert rc_kernel.blocked_start(world, np.zeros(1)) == row
+    assert rc_kernel.find_blocked_start(world, np.zeros(1)) == row
 
 
 def test_a_held_wheel_turns_the_car_along_its_circle() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssil_data.errors import InvalidInputError, NotFoundError
-from ssil_trainers.envs.rc_lidar.crossings import crossings, meeting_point
+from ssil_trainers.envs.rc_lidar.crossings import find_crossings, intersect_lines
 from ssil_trainers.envs.rc_lidar.track import Track, load_track, save_track
 from ssil_trainers.envs.rc_lidar.tracks import (
     COLLECTION_TRACK,
@@ -19,8 +19,8 @@ from ssil_trainers.envs.rc_lidar.tracks import (
     TEST_TRACKS,
     TRAINING_TRACK,
     Shape,
-    generated,
-    named_track,
+    find_track,
+    generate_track,
 )
 
 
@@ -81,7 +81,7 @@ def test_places_lie_evenly_on_the_line_and_look_along_it() -> None:
 
 
 def test_a_file_reads_back_number_by_number(tmp_path: Path) -> None:
-    track = generated(Shape(seed=9))
+    track = generate_track(Shape(seed=9))
     save_track(track, tmp_path / "seed-9.csv")
     back = load_track(tmp_path / "seed-9.csv")
     for field in ("centre", "right", "left"):
@@ -179,34 +179,34 @@ def test_a_tight_corner_gets_a_wall_without_a_loop() -> None:
 @pytest.mark.parametrize("seed", range(12))
 def test_every_member_of_the_family_is_a_lap_long_and_no_tighter_than_asked(seed: int) -> None:
     shape = Shape(seed=seed, tightest=1.3)
-    track = generated(shape)
+    track = generate_track(shape)
     assert track.length == pytest.approx(LAP, abs=1e-3)
     a, b, c = (np.roll(track.centre, -shift, axis=0) for shift in (0, 3, 6))
     sides = [np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     radius = np.prod(sides, axis=0) / np.maximum(2 * np.abs(ux * vy - uy * vx), 1e-12)
     assert radius.min() > 0.93 * shape.tightest
-    again = generated(shape)
+    again = generate_track(shape)
     np.testing.assert_array_equal(track.centre, again.centre)
 
 
 def test_other_seeds_give_other_tracks() -> None:
-    assert not np.allclose(generated(Shape(1)).centre, generated(Shape(2)).centre)
+    assert not np.allclose(generate_track(Shape(1)).centre, generate_track(Shape(2)).centre)
 
 
 def test_collection_training_and_test_tracks_are_different_tracks() -> None:
     names = [COLLECTION_TRACK, TRAINING_TRACK, *TEST_TRACKS]
     assert sorted(names) == sorted(NAMED)
-    lines = [named_track(name).centre for name in names]
+    lines = [find_track(name).centre for name in names]
     assert all(not np.allclose(a, b) for i, a in enumerate(lines) for b in lines[:i])
 
 
 def test_a_track_is_named_by_its_name_its_seed_or_its_file(tmp_path: Path) -> None:
-    np.testing.assert_array_equal(named_track("seed-3").centre, generated(Shape(3)).centre)
-    assert named_track("hall").name == "hall"
-    assert named_track(str(write(tmp_path / "mine.csv", SQUARE))).name == "mine"
+    np.testing.assert_array_equal(find_track("seed-3").centre, generate_track(Shape(3)).centre)
+    assert find_track("hall").name == "hall"
+    assert find_track(str(write(tmp_path / "mine.csv", SQUARE))).name == "mine"
     with pytest.raises(NotFoundError, match=r"yard, .*seed-N or a .csv file, found 'moon'"):
-        named_track("moon")
+        find_track("moon")
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_shape_without_a_shape_is_refused(wrong: dict[str, float]) -> None:
 @settings(max_examples=60, deadline=None)
 def test_crossings_are_those_of_an_exact_pairwise_search(rows: list[tuple[int, ...]]) -> None:
     pieces = np.array(rows, dtype=float)
-    found = {tuple(pair) for pair in crossings(pieces).tolist()}
+    found = {tuple(pair) for pair in find_crossings(pieces).tolist()}
     for one in range(len(rows)):
         for two in range(one + 1, len(rows)):
             if properly_cross(rows[one], rows[two]):
@@ -264,7 +264,7 @@ def side(a: tuple[int, ...], b: tuple[int, ...], c: tuple[int, ...]) -> int:
 
 def test_pieces_meet_where_their_lines_cross() -> None:
     one, two = np.array([0.0, 0, 2, 2]), np.array([0.0, 2, 2, 0])
-    np.testing.assert_allclose(meeting_point(one, two), [1, 1])
+    np.testing.assert_allclose(intersect_lines(one, two), [1, 1])
 
 
 @pytest.mark.parametrize(("name", "length"), [("Spielberg", 343.3), ("IMS", 293.1)])

@@ -23,7 +23,7 @@ from ssil_trainers.envs.racetrack.highway import (
     simulator,
 )
 from ssil_trainers.envs.racetrack.road import Road
-from ssil_trainers.envs.racetrack.starts import START_SPEEDS, Start, told_start
+from ssil_trainers.envs.racetrack.starts import START_SPEEDS, Start, check_start
 from ssil_trainers.envs.racetrack.state import (
     ACTION_NAMES,
     STATE_HIGH,
@@ -129,16 +129,16 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         check_options(options, ("start",))
         told, seed = (options or {}).get("start"), one_seed(seed)
-        start = None if told is None else told_start(told, self._road)
+        start = None if told is None else check_start(told, self._road)
         super().reset(seed=seed)
         self._simulator.reset(seed=seed)
-        self._place(self._drawn() if start is None else start)
+        self._place(self._draw_start() if start is None else start)
         self._action = np.zeros(2)
         self._steps = 0
         car = self.car
         return self._state(car), {"position": np.array([car.x, car.y])}
 
-    def _drawn(self) -> Start:
+    def _draw_start(self) -> Start:
         """Draw a start that is clear of other vehicles."""
         while True:
             start = Start.draw(self._road, self.np_random)

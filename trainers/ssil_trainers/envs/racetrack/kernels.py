@@ -103,7 +103,7 @@ class Cars(NamedTuple):
     slip: Floats
 
     @classmethod
-    def parked(cls, count: int) -> Cars:
+    def allocate(cls, count: int) -> Cars:
         """Return so many cars that are nowhere yet."""
         pose, local = np.zeros((count, 4)), np.zeros((count, 3))
         action, slip = np.zeros((count, 2)), np.zeros((count, 2))
@@ -122,7 +122,7 @@ _compiled: Any = njit(cache=True, error_model="numpy", nogil=True)
 """Divisions by zero give inf or nan, as in NumPy."""
 
 
-def _fused(_: Any, a: types.Type, b: types.Type, c: types.Type) -> Any:
+def _fused_multiply_add(_: Any, a: types.Type, b: types.Type, c: types.Type) -> Any:
     """Return a·b + c rounded once, as BLAS reckons the second product of a sum of two."""
 
     def generate(_: Any, builder: Any, __: Any, numbers: Any) -> Any:
@@ -131,11 +131,11 @@ def _fused(_: Any, a: types.Type, b: types.Type, c: types.Type) -> Any:
     return types.float64(types.float64, types.float64, types.float64), generate
 
 
-_fma: Any = intrinsic(_fused)
+_fma: Any = intrinsic(_fused_multiply_add)
 
 
 @_compiled
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
@@ -148,7 +148,7 @@ def _beyond(longitudinal: float, length: float) -> float:
 def _on_turn(lanes: Lanes, row: int, angle: float) -> float:
     """Return the metres along a turn of a point at an angle from its centre."""
     phase = lanes.phase[row]
-    return lanes.turn[row] * (phase + _wrapped(angle - phase) - phase) * lanes.radius[row]
+    return lanes.turn[row] * (phase + _wrap_angle(angle - phase) - phase) * lanes.radius[row]
 
 
 @_compiled
@@ -184,7 +184,7 @@ def _locate(cars: Cars, car: int, lanes: Lanes, angles: Floats) -> None:
         off = abs(lateral) + _beyond(longitudinal, lanes.length[row])
         if off >= nearest:
             continue
-        error = _wrapped(heading - _heading_at(lanes, row, longitudinal))
+        error = _wrap_angle(heading - _heading_at(lanes, row, longitudinal))
         if off + abs(error) < nearest:
             nearest = off + abs(error)
             cars.lane[car] = row

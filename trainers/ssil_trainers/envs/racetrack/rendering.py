@@ -11,7 +11,7 @@ import vl_convert
 from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.report.look import leverage_colour
+from ssil_data.report.look import leverage_color
 from ssil_trainers.envs.racetrack.road import Road
 
 PIXELS_PER_METRE = 3.2
@@ -62,7 +62,7 @@ def _trail(drive: Drive) -> alt.Chart:
         {"x": float(x), "y": float(y), "leverage": float(value)}
         for (x, y), value in zip(positions, leverage, strict=True)
     ]
-    colour = leverage_colour("leverage:Q")
+    colour = leverage_color("leverage:Q")
     return alt.Chart(alt.Data(values=points)).mark_circle(size=28, opacity=0.9).encode(color=colour)
 
 

@@ -44,7 +44,7 @@ class Road:
         indices = list(_lane_indices(network))
         lanes = [network.get_lane(index) for index in indices]
         number = {index: row for row, index in enumerate(indices)}
-        placed = [_placed(index, lane) for index, lane in zip(indices, lanes, strict=True)]
+        placed = [_lane_geometry(index, lane) for index, lane in zip(indices, lanes, strict=True)]
         segments, arcs = _edges([network.graph[a][b] for a, b, i in indices if i == 0])
         return cls(
             number=number,
@@ -55,7 +55,7 @@ class Road:
                 curvature=np.array([_curvature(lane) for lane in lanes]),
                 axis_offset=np.array([_axis_offset(network, index) for index in indices]),
                 half_width=np.array([_half_width(network, index) for index in indices]),
-                following=np.array([number[_following(network, index)] for index in indices]),
+                following=np.array([number[_next_lanes(network, index)] for index in indices]),
             ),
             edges=Edges(
                 segments=np.array(segments, dtype=np.float64).reshape(-1, 4),
@@ -101,13 +101,13 @@ def _lane_indices(network: RoadNetwork) -> Iterator[LaneIndex]:
                 yield origin, target, lane
 
 
-def _following(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
+def _next_lanes(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
     _, node, lane = index
     (target,) = network.graph[node]
     return node, target, lane
 
 
-def _placed(index: LaneIndex, lane: AbstractLane) -> tuple[float, ...]:
+def _lane_geometry(index: LaneIndex, lane: AbstractLane) -> tuple[float, ...]:
     """Return x to phase of `Lanes`."""
     if type(lane) is StraightLane:
         return (*lane.start, *lane.direction, float(lane.heading), 0.0, 0.0)

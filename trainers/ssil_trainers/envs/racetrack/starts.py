@@ -48,14 +48,14 @@ class Start:
         return self
 
 
-def told_start(told: object, road: Road) -> Start:
+def check_start(told: object, road: Road) -> Start:
     """Return what the caller told, if it is a start on the road; raises InvalidInputError."""
     if not isinstance(told, Start):
         raise InvalidInputError(f"start: expected a Start, found {told!r}")
     return told.on(road)
 
 
-def told_starts(told: object, road: Road, which: NDArray[np.bool_]) -> list[Start]:
+def check_starts(told: object, road: Road, which: NDArray[np.bool_]) -> list[Start]:
     """Return those of the told starts, one for each car, that the cars of the mask (n,) begin at.
 
     Raises InvalidInputError for another number of them, or for one that is no start on the road.
@@ -63,4 +63,4 @@ def told_starts(told: object, road: Road, which: NDArray[np.bool_]) -> list[Star
     if not isinstance(told, list | tuple) or len(told) != len(which):
         found = len(told) if isinstance(told, list | tuple) else repr(told)
         raise InvalidInputError(f"start: expected one for each of {len(which)} cars, found {found}")
-    return [told_start(told[car], road) for car in np.flatnonzero(which)]
+    return [check_start(told[car], road) for car in np.flatnonzero(which)]

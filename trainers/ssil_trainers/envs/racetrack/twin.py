@@ -22,7 +22,7 @@ from ssil_trainers.envs.racetrack import kernels
 from ssil_trainers.envs.racetrack.highway import POLICY_HZ, Track, motion, simulator
 from ssil_trainers.envs.racetrack.kernels import Cars
 from ssil_trainers.envs.racetrack.road import Road
-from ssil_trainers.envs.racetrack.starts import Start, told_starts
+from ssil_trainers.envs.racetrack.starts import Start, check_starts
 from ssil_trainers.envs.racetrack.state import (
     ACTION_NAMES,
     SIGHT,
@@ -85,7 +85,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._seeds = [-1] * num_envs
         self._starts = [Start(0, 0.0, 0.0)] * num_envs
-        self._cars = Cars.parked(num_envs)
+        self._cars = Cars.allocate(num_envs)
         self._states = np.zeros((num_envs, len(STATE_NAMES)))
         self._rewards = np.zeros(num_envs)
         self._off_road = np.zeros(num_envs, dtype=np.bool_)
@@ -132,11 +132,11 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         check_options(options, ("start", "reset_mask"))
         seeds, mask = seeds_of_cars(seed, self.num_envs), reset_mask(options, self.num_envs)
         which, told = np.flatnonzero(mask), (options or {}).get("start")
-        starts = None if told is None else told_starts(told, self._road, mask)
+        starts = None if told is None else check_starts(told, self._road, mask)
         for car in which:
             if seeds[car] is not None:
                 self._generators[car], self._seeds[car] = seeding.np_random(seeds[car])
-        self._place(which, self._drawn(which) if starts is None else starts)
+        self._place(which, self._draw_starts(which) if starts is None else starts)
         return self._states.astype(np.float32), info_of(mask, position=self._cars.pose[:, :2])
 
     def step(self, actions: NDArray[np.float32]) -> Stepped:
@@ -174,7 +174,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     def _restart(self, which: NDArray[np.bool_]) -> None:
         """Begin the next episode of some cars (n,)."""
         rows = np.flatnonzero(which)
-        self._place(rows, self._drawn(rows))
+        self._place(rows, self._draw_starts(rows))
 
     def _see(self, which: NDArray[np.int64]) -> None:
         """Write states, rewards and ends of some cars."""
@@ -183,7 +183,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         seen = self._states, self._rewards, self._off_road
         kernels.see(self._cars, which, angles, lanes, edges, SIGHT, self._motion, *seen)
 
-    def _drawn(self, which: NDArray[np.int64]) -> list[Start]:
+    def _draw_starts(self, which: NDArray[np.int64]) -> list[Start]:
         """Draw starts of some cars from their own generators."""
         return [Start.draw(self._road, self._generator(car)) for car in which]
 

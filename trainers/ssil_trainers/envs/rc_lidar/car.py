@@ -98,7 +98,7 @@ class RCCar:
         Raises InvalidInputError, with the row, if a car could start in a wall.
         """
         world = self._world(track)
-        blocked = rc_kernel.blocked_start(world, self._turns())
+        blocked = rc_kernel.find_blocked_start(world, self._turns())
         if blocked >= 0:
             x, y, _ = world.starts[blocked]
             row = int(np.argmin(np.hypot(*(track.centre - [x, y]).T)))
@@ -181,7 +181,7 @@ class Fleet:
         rc_kernel.advance(self.world, self.rows, which, actions, self._states, self.hits)
 
     @property
-    def begun(self) -> NDArray[np.bool_]:
+    def is_placed(self) -> NDArray[np.bool_]:
         """Which cars (n,) stand on the track."""
         return self._begun.copy()
 

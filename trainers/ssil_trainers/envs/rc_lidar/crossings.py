@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 _BLOCK = 256
 
 
-def crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
+def find_crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the pairs (m, 2) of rows of pieces (n, 4) that meet, the lower row first, in order.
 
     A piece is x, y of its start and of its end. Two that share an end are no crossing, unless
@@ -26,7 +26,7 @@ def crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.concatenate(found)
 
 
-def meeting_point(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+def intersect_lines(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return where the lines through two pieces (4,) cross; the end of the first if parallel."""
     start, along, other = one[:2], one[2:] - one[:2], two[2:] - two[:2]
     across = along[0] * other[1] - along[1] * other[0]

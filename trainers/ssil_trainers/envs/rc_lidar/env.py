@@ -20,7 +20,7 @@ from ssil_trainers.envs.counts import count
 from ssil_trainers.envs.rc_lidar.car import ACTION_NAMES, BEAM_DEGREES, STATE_NAMES, Fleet, RCCar
 from ssil_trainers.envs.rc_lidar.rendering import picture
 from ssil_trainers.envs.rc_lidar.track import Track
-from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, named_track
+from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK, find_track
 from ssil_trainers.envs.vector import (
     Info,
     Stepped,
@@ -91,7 +91,7 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         check_options(options, ())
         seed = one_seed(seed)
         super().reset(seed=seed)
-        if seed is None and not self._fleet.begun[0]:
+        if seed is None and not self._fleet.is_placed[0]:
             seed = int(self.np_random.integers(2**63))
         self._fleet.seed([seed])
         self._fleet.begin(_ONE)
@@ -107,7 +107,7 @@ class RCLidarEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         fleet = self._fleet
         steering = finite_actions(action, self.action_space.shape)
-        refuse_before_reset(~fleet.begun)
+        refuse_before_reset(~fleet.is_placed)
         fleet.advance(_ONE, steering)
         hit = bool(fleet.hits[0])
         reward = 0.0 if hit else 1.0
@@ -172,7 +172,7 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
         check_options(options, ("reset_mask",))
         seeds, which = seeds_of_cars(seed, self.num_envs), reset_mask(options, self.num_envs)
         super().reset(seed=seeds[0] if isinstance(seed, int | np.integer) else None)
-        for row in np.flatnonzero(which & ~self._fleet.begun):
+        for row in np.flatnonzero(which & ~self._fleet.is_placed):
             if seeds[row] is None:
                 seeds[row] = int(self.np_random.integers(2**63))
         self._ended &= ~which
@@ -190,7 +190,7 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
         steering = finite_actions(actions, self.action_space.shape)
         if self._mode is AutoresetMode.DISABLED:
             refuse_before_reset(begin, "")
-        refuse_before_reset(~fleet.begun)
+        refuse_before_reset(~fleet.is_placed)
         drives = ~begin
         fleet.advance(drives, steering[:, 0])
         terminated = fleet.hits.copy()
@@ -243,7 +243,7 @@ def _fleet(
     if steps is not None:
         count("episode_steps", steps)
     if isinstance(track, str | Path):
-        track = named_track(str(track))
+        track = find_track(str(track))
     if not isinstance(track, Track):
         raise InvalidInputError(f"track: expected a name, a CSV file or a Track, found {track!r}")
     return Fleet(car, track, cars), steps or car.lap_steps(track)

@@ -171,7 +171,7 @@ def touches(world: Any, x: float, y: float, heading: float) -> bool:
 
 
 @njit(cache=True)
-def blocked_start(world: Any, turns: Any) -> int:
+def find_blocked_start(world: Any, turns: Any) -> int:
     """Return the first row of starts where a car could begin in a wall, or beyond one; or -1.
 
     Tried on both sides as far aside as a start may be, and at the angles turns (t,). What the line

@@ -153,18 +153,18 @@ def drive_picture(
     canvas.road(track, wall=2)
     for begin, end, value in zip(path[:-1], path[1:], shade[:-1], strict=True):
         if np.hypot(*(end - begin)) < 2.0:
-            canvas.line([begin, end], colour_of(value), 6)
-            canvas.dot(end, 3, colour_of(value))
+            canvas.line([begin, end], color_of(value), 6)
+            canvas.dot(end, 3, color_of(value))
     canvas.text(24, 18, title, size=18)
     for pixel in range(200):
-        canvas.bar(size - 260 + pixel, 22, 1, 12, colour_of(pixel / 199))
+        canvas.bar(size - 260 + pixel, 22, 1, 12, color_of(pixel / 199))
     for value in (0, 0.5, 1):
         canvas.text(size - 260 + 200 * value, 38, f"{value:g}", size=12, anchor="ma")
     canvas.text(size - 270, 20, label, size=14, anchor="ra")
     return canvas.image
 
 
-def colour_of(value: float) -> Colour:
+def color_of(value: float) -> Colour:
     """Return the colour of a value in [0, 1]."""
     place = float(np.clip(value, 0.0, 1.0)) * (len(_VIRIDIS) - 1)
     r, g, b = (np.interp(place, range(len(_VIRIDIS)), _VIRIDIS[:, c]) for c in range(3))

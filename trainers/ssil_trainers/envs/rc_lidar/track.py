@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.envs.rc_lidar.crossings import crossings, meeting_point
+from ssil_trainers.envs.rc_lidar.crossings import find_crossings, intersect_lines
 from ssil_trainers.envs.rc_lidar.lidar import Walls
 
 _OPEN = 4.0
@@ -76,7 +76,7 @@ class Track:
     @cached_property
     def walls(self) -> Walls:
         """Both walls, ready for rays."""
-        return Walls.of(np.concatenate([_closed(self.right_wall), _closed(self.left_wall)]))
+        return Walls.of(np.concatenate([_close(self.right_wall), _close(self.left_wall)]))
 
     def places(self, spacing: float) -> NDArray[np.float64]:
         """Return x, y and heading (m, 3) along the centre line, about `spacing` metres apart."""
@@ -118,15 +118,15 @@ class Track:
         gaps = np.linalg.norm(along, axis=1)
         loops = [
             (stretch, first, last)
-            for first, last in _either_way(crossings(_closed(wall)))
+            for first, last in _either_way(find_crossings(_close(wall)))
             if backwards[_rows(first, last, len(wall))].any()
             and (stretch := gaps[_rows(first, last, len(wall))].sum()) < _LOOP * abs(aside[first])
         ]
         for _, first, last in sorted(loops, reverse=True):
-            pieces = _closed(wall)
+            pieces = _close(wall)
             inside = _rows(first, last, len(wall))[1:]
             if len(inside) and (wall[inside] != wall[inside[0]]).any():
-                wall[inside] = meeting_point(pieces[first], pieces[last])
+                wall[inside] = intersect_lines(pieces[first], pieces[last])
         return wall
 
     def _check_numbers(self) -> None:
@@ -163,7 +163,7 @@ class Track:
                 f"{gaps[:-1].max():.3g} m)",
                 f"{gaps[last]:.3g} m between them",
             )
-        for row, other in crossings(_closed(self.centre)):
+        for row, other in find_crossings(_close(self.centre)):
             raise self._refusal(row, "a line that does not cross itself", f"row {other} across it")
 
         for row in np.flatnonzero(self._cos_half_turn < _SHARPEST - 1e-9):
@@ -187,8 +187,8 @@ class Track:
                     "a tighter one",
                 )
         points = len(self.centre)
-        walls = np.concatenate([_closed(self.right_wall), _closed(self.left_wall)])
-        for row, other in crossings(walls) % points:
+        walls = np.concatenate([_close(self.right_wall), _close(self.left_wall)])
+        for row, other in find_crossings(walls) % points:
             raise self._refusal(
                 row, "walls that do not cross", f"the wall of row {other} across that of this row"
             )
@@ -241,7 +241,7 @@ def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.roll(points, -1, axis=0) - points
 
 
-def _closed(points: ArrayLike) -> NDArray[np.float64]:
+def _close(points: ArrayLike) -> NDArray[np.float64]:
     """Return the sides (n, 4) of a closed line."""
     points = np.asarray(points, dtype=np.float64)
     return np.hstack([points, np.roll(points, -1, axis=0)])

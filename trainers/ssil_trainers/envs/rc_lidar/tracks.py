@@ -74,7 +74,7 @@ TEST_TRACKS = ("attic", "cellar", "garage", "loft")
 """Where policies are tested, never before."""
 
 
-def named_track(name: str) -> Track:
+def find_track(name: str) -> Track:
     """Return a track by its name, by its seed (`seed-17`) or from a CSV file (`….csv`).
 
     Raises NotFoundError for another name, InvalidInputError for a file that holds no track.
@@ -82,23 +82,25 @@ def named_track(name: str) -> Track:
     if name.endswith(".csv"):
         return load_track(Path(name))
     if name in NAMED:
-        return generated(NAMED[name], name)
+        return generate_track(NAMED[name], name)
     seed = name.removeprefix("seed-")
     if seed != name and seed.isdecimal():
-        return generated(Shape(int(seed)))
+        return generate_track(Shape(int(seed)))
     raise NotFoundError(
         f"track: expected one of {', '.join(NAMED)}, seed-N or a .csv file, found {name!r}"
     )
 
 
-def generated(shape: Shape, name: str | None = None) -> Track:
+def generate_track(shape: Shape, name: str | None = None) -> Track:
     """Return the track of that shape: a random polygon with round corners, `LAP` metres around.
 
     Raises NotFoundError if 200 polygons all leave no room for their corners or the width.
     """
     rng = np.random.default_rng([shape.seed, shape.corners])
     for _ in range(_ATTEMPTS):
-        line = _rounded(_polygon(shape, rng), shape.tightest * rng.uniform(1.0, 3.0, shape.corners))
+        line = _round_corners(
+            _polygon(shape, rng), shape.tightest * rng.uniform(1.0, 3.0, shape.corners)
+        )
         if line is None:
             continue
         line = line * (LAP / _around(line))
@@ -121,7 +123,7 @@ def _polygon(shape: Shape, rng: np.random.Generator) -> NDArray[np.complex128]:
     return corners * (LAP / _around(corners))
 
 
-def _rounded(
+def _round_corners(
     corners: NDArray[np.complex128], radii: NDArray[np.float64]
 ) -> NDArray[np.complex128] | None:
     """Return the polygon with arcs of those radii for corners, at even distances; None if they do
@@ -142,10 +144,10 @@ def _rounded(
         middle = corner - way * short + way * side * radius
         pieces.append(middle - way * side * radius * np.exp(1j * swept))
     line = np.concatenate(pieces)
-    return _even(_softened(_even(line, round(_around(line) / _FINE))), round(LAP / _SPACING))
+    return _even(_blur(_even(line, round(_around(line) / _FINE))), round(LAP / _SPACING))
 
 
-def _softened(line: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _blur(line: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the even line blurred over `_SOFT` metres, so that curvature does not jump."""
     frequency = np.fft.fftfreq(len(line), _around(line) / len(line))
     return np.fft.ifft(np.fft.fft(line) * np.exp(-0.5 * (2 * np.pi * _SOFT * frequency) ** 2))
