@@ -11,8 +11,30 @@ from support.demonstrations import ROOT
 
 PACKAGES = [ROOT / "ssil_data", ROOT / "service/ssil_service", ROOT / "trainers/ssil_trainers"]
 IRREGULAR = frozenset(
-    "asked begun built done drawn found given gone held kept known left made meant said seen sent "
-    "shown spread taken told written".split()
+    [
+        "asked",
+        "begun",
+        "built",
+        "done",
+        "drawn",
+        "found",
+        "given",
+        "gone",
+        "held",
+        "kept",
+        "known",
+        "left",
+        "made",
+        "meant",
+        "said",
+        "seen",
+        "sent",
+        "shown",
+        "spread",
+        "taken",
+        "told",
+        "written",
+    ]
 )
 """Past participles without -ed; `read`, `set`, `put`, `cut` and `split` are imperatives too."""
 NO_PARTICIPLES = frozenset(["embed", "feed", "seed", "speed", "string"])

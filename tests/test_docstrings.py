@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.demonstrations import ACTION_NAMES, ROOT, STATE_NAMES, drives
 
 import ssil_data as sd
 import ssil_data.client
+from support.demonstrations import ACTION_NAMES, ROOT, STATE_NAMES, drives
 
 PACKAGES = {
     "ssil_data": ROOT / "ssil_data",

@@ -16,10 +16,10 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
-from support.demonstrations import DATASETS, ROOT
 
 import ssil_data as sd
 from ssil_data.cli import main
+from support.demonstrations import DATASETS, ROOT
 
 KNOWN: dict[str, dict[str, Any]] = json.loads((ROOT / "tests/support/digests.json").read_text())
 PROCESSOR = llvm.get_host_cpu_name()
