@@ -70,8 +70,13 @@ def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Middleware:
     for kind, handler in _HANDLERS.items():
         app.add_exception_handler(kind, handler)
     app.openapi = lambda: build_document(app)
-    app.state.shortcut = RouteCache(app, partial(_explain_library_error, app))
-    return Middleware(app, settings, metrics, None if keys else Hosts.of(settings, hosts))
+    return Middleware(
+        RouteCache(app, partial(_explain_library_error, app)),
+        settings=settings,
+        metrics=metrics,
+        hosts=None if keys else Hosts.of(settings, hosts),
+        context=lambda: getattr(app.state, "context", None),
+    )
 
 
 def open_context(app: FastAPI) -> Context:

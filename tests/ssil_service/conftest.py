@@ -31,8 +31,9 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(scored: Path, tmp_path: Path) -> Path:
-    """A store of the test's own."""
-    return Path(shutil.copytree(scored, tmp_path / "store"))
+    """A store of the test's own, without what services left in the one that is copied."""
+    ignored = shutil.ignore_patterns(".service")
+    return Path(shutil.copytree(scored, tmp_path / "store", ignore=ignored))
 
 
 @pytest.fixture

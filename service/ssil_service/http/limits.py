@@ -1,4 +1,4 @@
-"""One request and its answer, within limits of size and time."""
+"""One request and its answer, within limits of size, time and memory."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from collections.abc import Callable
 from starlette.types import Message, Receive, Scope, Send
 
 from ssil_data.client.wire import JSON
-from ssil_service.problems import Problem, busy
-from ssil_service.security.hosts import SAFE
+from ssil_service.http.memory_budget import MemoryBudget
+from ssil_service.http.route_kinds import RouteKind
+from ssil_service.problems import Problem
 from ssil_service.settings import Settings
 
 ABORT = "abort"
-"""Where a connection keeps, in the scope's state, how it is cut."""
-_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_SLOWEST = 65_536
-"""Bytes a second that a body must bring, and an answer be taken with, beyond the first seconds."""
-_IDLE = 10.0
-_PART = 65_536
-_QUESTIONS = ("/lcor", "/cor", "/score", "/infer")
+"""Key of the scope's state under which the protocol leaves a function that cuts the connection."""
+SLOWEST_BYTES_PER_SECOND = 65_536
+"""Least pace of a body, and of a client that reads an answer, after the first seconds."""
+_RECEIVE_SECONDS = 10.0
+"""Most time for one part of a body; a client that sends nothing for so long is too slow."""
+_CHUNK_BYTES = 65_536
+_REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _JSON = JSON.encode()
 _NOSNIFF = (b"x-content-type-options", b"nosniff")
 _NO_CACHE = (b"cache-control", b"no-cache")
@@ -30,165 +31,241 @@ _CLOSE: dict[str, str] = {"Connection": "close"}
 
 
 class SlowClientError(TimeoutError):
-    """The client takes an answer too slowly."""
-
-
-class MemoryBudget:
-    """Bytes of bodies and of long answers to questions in memory, all requests together."""
-
-    def __init__(self, most: int) -> None:
-        self.most = most
-        self.bytes = 0
-
-    def reserve(self, size: int, own: int) -> None:
-        """Hold more bytes, for one who holds `own`; raises a Problem with 503 for too many.
-
-        Whoever is alone may hold any number: other limits bound what one request takes.
-        """
-        if self.bytes > own and self.bytes + size > self.most:
-            raise busy(503, "service: expected fewer bytes at once, found too many", 1)
-        self.bytes += size
+    """The client reads an answer too slowly."""
 
 
 class RequestLimits:
-    """What passes between a client and the application; to be closed when it is over."""
+    """Stands between a client and the application for one request; close it at the end.
+
+    The application is called with `receive` and `send` of this object instead of the server's:
+    they count bytes and time, cut long answers into chunks, and add headers to every answer.
+
+    Parameters
+    ----------
+    scope, receive, send
+        The request as ASGI gives it.
+    settings
+        Limits of size and time.
+    budget
+        Memory that all requests share.
+
+    Attributes
+    ----------
+    kind
+        What the request is for, see `RouteKind`.
+    id
+        The client's `X-Request-ID`, or a random one.
+    status
+        Status of the answer, 0 until it begins.
+    received
+        Bytes of the body so far.
+    refusal
+        The problem to answer with instead of what the application sends, if its answer does not
+        fit into memory.
+    """
 
     def __init__(
-        self, scope: Scope, receive: Receive, send: Send, settings: Settings, held: MemoryBudget
+        self,
+        scope: Scope,
+        receive: Receive,
+        send: Send,
+        *,
+        settings: Settings,
+        budget: MemoryBudget,
     ) -> None:
+        self.started_at = time.perf_counter()
         self.scope = scope
-        self.headers = headers = dict(scope["headers"])
-        self.begin = time.perf_counter()
+        self.headers: dict[bytes, bytes] = dict(scope["headers"])
+        self.kind = RouteKind.of(scope["method"], scope["path"])
+        self.id = _request_id(self.headers)
         self.status = 0
         self.received = 0
-        self.refused: Problem | None = None
-        self._receive, self._send, self._settings = receive, send, settings
-        self._held, self._holds = held, 0
-        self._sent, self._waited = 0, 0.0
-        self._ended = False
-        given = headers.get(b"x-request-id", b"").decode("latin-1")
-        self.id = given if _ID.fullmatch(given) else secrets.token_hex(8)
-        self._length = headers.get(b"content-length", b"")
-        method, path = scope["method"], scope["path"]
-        posts = method == "POST"
-        self.asks = method in SAFE or (posts and path.endswith(_QUESTIONS))
-        self._uploads = method == "PUT" or (posts and path.endswith("/episodes"))
-        if self._uploads:
-            self._most = settings.upload_bytes
-        elif headers.get(b"content-type", b"").partition(b";")[0].strip().lower() == _JSON:
-            self._most = min(settings.json_bytes, settings.body_bytes)
-        else:
-            self._most = settings.body_bytes
+        self.refusal: Problem | None = None
+        self._receive = receive
+        self._send = send
+        self._settings = settings
+        self._body_limit = _body_limit(self.kind, self.headers, settings)
+        self._body_ended = False
+        self._budget = budget
+        self._reserved_bytes = 0
+        self._sent_bytes = 0
+        self._send_seconds = 0.0
 
     @property
     def may_have_changed(self) -> bool:
-        """Tell whether the store may be another: by no question, by no upload half received."""
-        return not self.asks and (self._ended or not self._uploads)
+        """Whether the store may have changed: not by a query, nor by an upload half received."""
+        return not self.kind.read_only and (self._body_ended or not self.kind.upload)
 
     def refuse_large(self) -> None:
-        """Raise a Problem for a body that says that it is too large."""
-        digits = self._length.lstrip(b"0")
-        if digits.isdigit() and (len(digits) > 18 or int(digits) > self._most):
+        """Check the length that the client announces.
+
+        Raises
+        ------
+        Problem
+            413 if the body is longer than its limit.
+        """
+        digits = self.headers.get(b"content-length", b"").lstrip(b"0")
+        if digits.isdigit() and (len(digits) > 18 or int(digits) > self._body_limit):
             raise self._too_large()
 
     async def receive(self) -> Message:
-        """Receive a part of the body; raises a Problem when it is too large or too slow."""
-        if self._ended:
-            return await self._receive()  # waits until the client hangs up, as long as that takes
-        allowed = self._settings.body_seconds + self.received / _SLOWEST
-        left = self.begin + allowed - time.perf_counter()
+        """Receive a part of the body.
+
+        Returns
+        -------
+        Message
+            The ASGI message.
+
+        Raises
+        ------
+        Problem
+            408 for a body that arrives too slowly, 413 for one that is too long, 503 if there is
+            no memory for it now.
+        """
+        if self._body_ended:
+            return await self._receive()  # returns when the client disconnects
+        allowed = self._settings.body_seconds + self.received / SLOWEST_BYTES_PER_SECOND
+        left = self.started_at + allowed - time.perf_counter()
         try:
-            async with asyncio.timeout(max(0.0, min(_IDLE, left))):
+            async with asyncio.timeout(max(0.0, min(_RECEIVE_SECONDS, left))):
                 message = await self._receive()
         except TimeoutError:
-            raise Problem(
-                408, "body: expected it sooner, found the client too slow", headers=_CLOSE
-            ) from None
-        self._ended = message["type"] != "http.request" or not message.get("more_body", False)
+            raise self._too_slow() from None
+        self._body_ended = message["type"] != "http.request" or not message.get("more_body", False)
         size = len(message.get("body", b""))
         self.received += size
-        if self.received > self._most:
+        if self.received > self._body_limit:
             raise self._too_large()
-        if not self._uploads:  # those go to the disk as they arrive
+        if not self.kind.upload:  # uploads go to the disk as they arrive
             self._reserve(size)
         return message
 
     async def send(self, message: Message) -> None:
-        """Send a part of the answer; raises SlowError for a client that takes too long."""
-        if self.refused is not None:
+        """Send a part of the answer.
+
+        Parameters
+        ----------
+        message
+            The ASGI message of the application.
+
+        Raises
+        ------
+        SlowClientError
+            If the client reads the answer too slowly.
+        """
+        if self.refusal is not None:
             return
         if message["type"] == "http.response.start":
-            headers = message["headers"]
-            names = dict(headers)
-            try:
-                self._reserve_answer(message["status"], int(names.get(b"content-length", 0)))
-            except Problem as problem:  # the application has begun, and may not see it
-                self.refused = problem
-                return
-            self.status = message["status"]
-            added = [(b"x-request-id", self.id.encode()), _NOSNIFF]
-            if b"cache-control" not in names:
-                added.append(_NO_CACHE)
-            message = {**message, "headers": [*headers, *added]}
-            await self._send_within_limits(message)
+            await self._send_head(message)
+        else:
+            await self._send_body(message)
+
+    async def _send_head(self, message: Message) -> None:
+        """Send status and headers, or note a refusal if a long answer has no room in memory."""
+        headers = message["headers"]
+        names = dict(headers)
+        try:
+            self._reserve_answer(message["status"], int(names.get(b"content-length", 0)))
+        except Problem as problem:  # not raised: the application would treat it as its own error
+            self.refusal = problem
             return
+        self.status = message["status"]
+        added = [(b"x-request-id", self.id.encode()), _NOSNIFF]
+        if b"cache-control" not in names:
+            added.append(_NO_CACHE)
+        await self._send_and_time({**message, "headers": [*headers, *added]})
+
+    async def _send_body(self, message: Message) -> None:
+        """Send a body in chunks, so that the pace of a slow client can be measured."""
         body = message.get("body", b"")
         if self.scope["method"] == "HEAD":
             body = b""
-        if len(body) <= _PART:
-            await self._send_within_limits({**message, "body": body})
+        if len(body) <= _CHUNK_BYTES:
+            await self._send_and_time({**message, "body": body})
             return
-        last = len(body) - 1
-        for start in range(0, len(body), _PART):
-            more = start + _PART <= last or message.get("more_body", False)
-            part = memoryview(body)[start : start + _PART]
-            await self._send_within_limits(
-                {"type": message["type"], "body": part, "more_body": more}
+        for start in range(0, len(body), _CHUNK_BYTES):
+            chunk = memoryview(body)[start : start + _CHUNK_BYTES]
+            is_last_chunk = start + _CHUNK_BYTES >= len(body)
+            more_body = not is_last_chunk or message.get("more_body", False)
+            await self._send_and_time(
+                {"type": message["type"], "body": chunk, "more_body": more_body}
             )
 
-    async def _send_within_limits(self, message: Message) -> None:
-        """Send one message; of all, only the time that the client makes us wait counts.
+    async def _send_and_time(self, message: Message) -> None:
+        """Send one message and add the time that the client made it wait.
 
-        That no single part waits for ever is the connection's business.
+        A client that reads nothing at all is cut off by the connection's own time-out.
         """
-        begin = time.perf_counter()
+        started_at = time.perf_counter()
         await self._send(message)
-        self._sent += len(message.get("body", b""))
-        self._waited += time.perf_counter() - begin
-        if self._waited > self._settings.send_seconds + self._sent / _SLOWEST:
+        self._sent_bytes += len(message.get("body", b""))
+        self._send_seconds += time.perf_counter() - started_at
+        allowed = self._settings.send_seconds + self._sent_bytes / SLOWEST_BYTES_PER_SECOND
+        if self._send_seconds > allowed:
             raise SlowClientError
 
     async def answer(self, problem: Problem) -> None:
-        """Answer with a problem, if nothing was answered yet."""
+        """Answer with a problem, unless an answer has begun.
+
+        Parameters
+        ----------
+        problem
+            Becomes the whole answer.
+        """
         if not self.status:
-            self.refused = None
+            self.refusal = None
             await problem.response(self.scope["path"])(self.scope, self._receive, self.send)
 
     async def abort(self) -> None:
-        """Drop the connection, and what of the answer still lies in its buffer."""
+        """Cut the connection, and drop what of the answer is still in its buffer."""
         abort: Callable[[], None] | None = self.scope.get("state", {}).get(ABORT)
         if abort is not None:
             abort()
-            await asyncio.sleep(0)  # the connection learns of it in the loop's next round
+            await asyncio.sleep(0)  # the connection is closed in the loop's next round
 
     def close(self) -> None:
-        """Give up the memory that was held."""
-        self._held.bytes -= self._holds
-        self._holds = 0
+        """Give back the memory that the request reserved."""
+        self._budget.release(self._reserved_bytes)
+        self._reserved_bytes = 0
 
     def _reserve(self, size: int) -> None:
         if size:
-            self._held.reserve(size, self._holds)
-            self._holds += size
+            self._budget.reserve(size, reserved=self._reserved_bytes)
+            self._reserved_bytes += size
 
     def _reserve_answer(self, status: int, size: int) -> None:
-        """Hold a long answer to a question; no refusal, and not what tells that a change is made.
+        """Reserve memory for a long answer to a read-only request.
 
-        Who hears 503 instead would ask for the change again.
+        A committed change is always acknowledged, even under memory pressure: after a 503 the
+        client would repeat it.
         """
-        if self.asks and size > _PART and status < 400:
+        if self.kind.read_only and size > _CHUNK_BYTES and status < 400:
             self._reserve(size)
 
     def _too_large(self) -> Problem:
-        detail = f"body: expected at most {self._most} bytes, found more"
+        detail = f"body: longer than the limit of {self._body_limit} bytes"
         return Problem(413, detail, headers=_CLOSE)
+
+    def _too_slow(self) -> Problem:
+        detail = (
+            f"body: arrived too slowly (allowed: {self._settings.body_seconds:g} s, "
+            f"1 s more for every {SLOWEST_BYTES_PER_SECOND} bytes, and at most "
+            f"{_RECEIVE_SECONDS:g} s between two parts)"
+        )
+        return Problem(408, detail, headers=_CLOSE)
+
+
+def _request_id(headers: dict[bytes, bytes]) -> str:
+    """Return the client's request id if it is a plain one, else a random one."""
+    given = headers.get(b"x-request-id", b"").decode("latin-1")
+    return given if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+
+
+def _body_limit(kind: RouteKind, headers: dict[bytes, bytes], settings: Settings) -> int:
+    """Return how many bytes the body may have; JSON is limited further, as it grows when read."""
+    if kind.upload:
+        return settings.upload_bytes
+    media = headers.get(b"content-type", b"").partition(b";")[0].strip().lower()
+    if media == _JSON:
+        return min(settings.json_bytes, settings.body_bytes)
+    return settings.body_bytes

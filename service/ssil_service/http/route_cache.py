@@ -1,8 +1,9 @@
-"""Questions asked before in the same words go to their route at once.
+"""Requests that were routed before go to their route at once.
 
-FastAPI spends more on finding a route and reading its parameters than a small question takes. A
-fleet asks the same run with the same parameters again and again: what they came to is remembered
-with the route. Only the path, the query and the credentials may decide about it.
+FastAPI spends more on finding a route and reading its parameters than a small query takes. Many
+clients query the same run with the same parameters again and again: after the first success, the
+route and the parameters are cached under what decides about them, which is the method, the path,
+the query string and the credentials. The body is not part of it: the route reads it every time.
 """
 
 from __future__ import annotations
@@ -20,62 +21,109 @@ from starlette.types import Receive, Scope, Send
 from ssil_data.errors import SsilDataError
 from ssil_service.problems import Problem
 
-_REMEMBERED = 1024
+_CACHE_SIZE = 1024
 _CREDENTIALS = (b"authorization", b"x-api-key")
-_Answer = Callable[[Request], Awaitable[Response]]
+_IN_SCOPE = "ssil.route_cache"
+"""Key of the scope under which a route finds the cache that its request came through."""
+_BoundRoute = Callable[[Request], Awaitable[Response]]
 Parameters = ParamSpec("Parameters")
 
 
 class RouteCache:
-    """ASGI middleware: the application, or for what is remembered its route."""
+    """ASGI middleware that calls a cached route, or else the application.
+
+    Parameters
+    ----------
+    app
+        The application with the router.
+    explain
+        Turns the library's error into a problem, as the application's own handler does.
+
+    Attributes
+    ----------
+    hits
+        Requests that went to a cached route, since the start.
+    """
 
     def __init__(self, app: FastAPI, explain: Callable[[SsilDataError], Problem]) -> None:
-        self._app = app
+        self.app = app
+        self.hits = 0
         self._explain = explain
-        self._known: OrderedDict[Hashable, tuple[_Answer, Any]] = OrderedDict()
+        self._routes: OrderedDict[Hashable, tuple[_BoundRoute, Any]] = OrderedDict()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer; raises a Problem, which the application would have answered with."""
-        known = self._known.get(_cache_key(scope)) if scope["type"] == "http" else None
-        if known is None:
-            await self._app(scope, receive, send)
+        """Answer a request.
+
+        Raises
+        ------
+        Problem
+            If a cached route does; the application's router answers with it itself.
+        """
+        cached = self._routes.get(_cache_key(scope)) if scope["type"] == "http" else None
+        if cached is None:
+            scope[_IN_SCOPE] = self
+            await self.app(scope, receive, send)
             return
-        answer, scope["route"] = known
-        scope["app"] = self._app
+        self.hits += 1
+        bound_route, scope["route"] = cached
+        scope["app"] = self.app
         try:
-            response = await answer(Request(scope, receive, send))
+            response = await bound_route(Request(scope, receive, send))
         except SsilDataError as error:
             raise self._explain(error) from None
         await response(scope, receive, send)
 
-    def add(self, scope: Scope, answer: _Answer) -> None:
-        """Remember what a question came to."""
-        self._known[_cache_key(scope)] = (answer, scope["route"])
-        while len(self._known) > _REMEMBERED:
-            self._known.popitem(last=False)
+    def add(self, scope: Scope, bound_route: _BoundRoute) -> None:
+        """Cache a route with its parameters; the oldest of too many is dropped.
+
+        Parameters
+        ----------
+        scope
+            Of the request that was answered.
+        bound_route
+            The route as a function of the request alone.
+        """
+        self._routes[_cache_key(scope)] = (bound_route, scope["route"])
+        while len(self._routes) > _CACHE_SIZE:
+            self._routes.popitem(last=False)
 
 
 def _cache_key(scope: Scope) -> Hashable:
-    """Return what decides about route and parameters; no credential is kept or compared."""
-    given = [header for header in scope["headers"] if header[0] in _CREDENTIALS]
-    digest = hashlib.sha256(repr(given).encode()).digest() if given else b""
+    """Return what decides about route and parameters; credentials enter as a digest only."""
+    credentials = [header for header in scope["headers"] if header[0] in _CREDENTIALS]
+    digest = hashlib.sha256(repr(credentials).encode()).digest() if credentials else b""
     return scope["method"], scope["path"], scope["query_string"], digest
 
 
 def cache_route(
     route: Callable[Parameters, Awaitable[Response]],
 ) -> Callable[Parameters, Awaitable[Response]]:
-    """Let a route be found by the shortcut once it has answered, for all that succeeds."""
+    """Cache the resolved route and parameters after its first successful response.
+
+    Parameters
+    ----------
+    route
+        An asynchronous route whose parameter `request` is the request, passed by name; all other
+        parameters come from the path, the query string and the headers of the cache's key.
+
+    Returns
+    -------
+    Callable
+        The route, which adds itself to the `RouteCache` that its request came through.
+    """
 
     @wraps(route)
-    async def first(*args: Parameters.args, **values: Parameters.kwargs) -> Response:
+    async def route_and_remember(*args: Parameters.args, **values: Parameters.kwargs) -> Response:
         response = await route(*args, **values)
         request: Any = values.pop("request")
-        request.app.state.shortcut.add(request.scope, _query_route(route, values))
+        cache: RouteCache | None = request.scope.get(_IN_SCOPE)
+        if cache is not None:
+            cache.add(request.scope, _bind(route, values))
         return response
 
-    return first
+    return route_and_remember
 
 
-def _query_route(route: Callable[..., Awaitable[Response]], values: dict[str, Any]) -> _Answer:
+def _bind(route: Callable[..., Awaitable[Response]], values: dict[str, Any]) -> _BoundRoute:
+    """Return the route with everything but the request filled in."""
     return partial(route, **values)

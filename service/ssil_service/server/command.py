@@ -72,7 +72,7 @@ class _Server(uvicorn.Server):
     """uvicorn, which tells the service as soon as it is asked to end."""
 
     def __init__(self, app: Middleware, settings: Settings) -> None:
-        self._edge = app
+        self._app = app
         config = uvicorn.Config(
             app,
             host=settings.host,
@@ -94,5 +94,5 @@ class _Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end: event streams stop, `/readyz` says so."""
-        self._edge.begin_shutdown()
+        self._app.begin_shutdown()
         super().handle_exit(sig, frame)

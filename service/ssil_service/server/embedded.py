@@ -35,7 +35,7 @@ class EmbeddedTransport(httpx.BaseTransport):
     """Calls an ASGI application on an event loop of its own thread; threads may share it."""
 
     def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+        self.app = app
         self._loop = asyncio.new_event_loop()
         self._threads = ThreadPoolExecutor(thread_name_prefix="embedded")
         self._loop.set_default_executor(self._threads)
@@ -59,7 +59,7 @@ class EmbeddedTransport(httpx.BaseTransport):
         with self._lock:
             if self._closed:
                 raise ServiceError("service: expected it open, found it closed")
-            asyncio.run_coroutine_threadsafe(exchange.run(self._app), self._loop)
+            asyncio.run_coroutine_threadsafe(exchange.run(self.app), self._loop)
         status, headers = exchange.started.result()
         stream = _Body(exchange, self._loop)
         return httpx.Response(status, headers=headers, stream=stream, request=request)

@@ -70,7 +70,7 @@ def crowded(scored: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Clie
     with embed(scored, jobs=1) as store:
         http = store.connection.client
         transport: Any = http._transport
-        transport._app.app.state.context.texts.admitted = 100
+        transport.app.context().json_executor.admitted = 100
         yield http
 
 

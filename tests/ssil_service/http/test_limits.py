@@ -1,19 +1,20 @@
-"""One request and its answer: what is sent in parts, at which pace, and what is said beside it."""
+"""One request and its answer: chunks, the least pace of a client, and added headers."""
 
 import asyncio
 from typing import Any
 
 import pytest
 
-from ssil_service.http import limits as exchange
-from ssil_service.http.limits import MemoryBudget, RequestLimits, SlowClientError
+from ssil_service.http import limits
+from ssil_service.http.limits import RequestLimits, SlowClientError
+from ssil_service.http.memory_budget import MemoryBudget
 from ssil_service.settings import Settings
 
 SCOPE = {"type": "http", "method": "GET", "path": "/", "headers": [(b"x-request-id", b"mine")]}
 
 
 def sent(size: int, *, seconds: float, method: str = "GET", **settings: Any) -> list[Any]:
-    """Send an answer of so many bytes to a client that lets wait so long for each message."""
+    """Send an answer of `size` bytes to a client that takes `seconds` for each message."""
     messages: list[Any] = []
 
     async def send(message: Any) -> None:
@@ -24,14 +25,15 @@ def sent(size: int, *, seconds: float, method: str = "GET", **settings: Any) -> 
         raise AssertionError("nothing is received")
 
     async def answer() -> None:
-        held = MemoryBudget(10**9)
-        here = RequestLimits({**SCOPE, "method": method}, receive, send, Settings(**settings), held)
+        budget = MemoryBudget(10**9)
+        scope = {**SCOPE, "method": method}
+        here = RequestLimits(scope, receive, send, settings=Settings(**settings), budget=budget)
         length = (b"content-length", str(size).encode())
         await here.send({"type": "http.response.start", "status": 200, "headers": [length]})
-        assert held.bytes == size
+        assert budget.bytes == size
         await here.send({"type": "http.response.body", "body": bytes(range(256)) * (size // 256)})
         here.close()
-        assert held.bytes == 0
+        assert budget.bytes == 0
 
     asyncio.run(answer())
     return messages
@@ -51,7 +53,9 @@ def test_a_head_is_sent_without_its_body():
 
 
 def test_a_client_may_be_slow_but_not_slower_than_the_slowest(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(exchange, "_SLOWEST", 65_536 * 50)  # a part in twenty milliseconds
+    monkeypatch.setattr(
+        limits, "SLOWEST_BYTES_PER_SECOND", 65_536 * 50
+    )  # a part in twenty milliseconds
     assert len(sent(20 * 65_536, seconds=0.01, send_seconds=0.2)) == 21
     with pytest.raises(SlowClientError):
         sent(20 * 65_536, seconds=0.06, send_seconds=0.2)

@@ -71,8 +71,8 @@ def slow() -> Iterator[tuple[Callable[..., httpx.Client], Event]]:
         return Response(metrics.text())
 
     def start(**settings: Any) -> httpx.Client:
-        edge = Middleware(app, Settings(**settings), metrics, None)
-        made.append(httpx.Client(transport=EmbeddedTransport(edge), base_url="http://here"))
+        service = Middleware(app, settings=Settings(**settings), metrics=metrics)
+        made.append(httpx.Client(transport=EmbeddedTransport(service), base_url="http://here"))
         return made[-1]
 
     yield start, told
@@ -165,14 +165,13 @@ def test_what_may_be_made_is_not_asked_again_at_the_end(
         sent.append(message)
 
     async def end() -> None:
-        inner: Any = FastAPI()
-        inner.state.shortcut, inner.state.context = app, SimpleNamespace(closing=True)
+        closing: Any = SimpleNamespace(closing=True)
         scope = {"type": "http", "method": method, "path": path, "headers": []}
-        edge = Middleware(inner, Settings(), Metrics(), None)
-        asking = asyncio.ensure_future(edge(scope, receive, send))
+        service = Middleware(app, settings=Settings(), metrics=Metrics(), context=lambda: closing)
+        request = asyncio.ensure_future(service(scope, receive, send))
         await begun.wait()
-        asking.cancel()
-        await asyncio.wait([asking])
+        request.cancel()
+        await asyncio.wait([request])
 
     asyncio.run(end())
     assert sent[0]["status"] == 503
