@@ -1,4 +1,4 @@
-"""Estimators of uncertainty: fitted on labeled pairs, they say how strange any pair is."""
+"""Estimators of uncertainty: fitted on labeled pairs, they score how unlike those any pair is."""
 
 from ssil_data.estimators.archive import ESTIMATORS, dump, from_json, load, to_json
 from ssil_data.estimators.base import Estimator, Fitted, Uncertainty

@@ -1,4 +1,8 @@
-"""Every kind of estimator, its settings as JSON, and the bytes that a fitted one is kept in."""
+"""Every kind of estimator, its settings as JSON, and the bytes that a fitted one is stored as.
+
+The bytes are safetensors: the arrays of a fitted estimator by the dotted paths of its fields, such
+as `processes.0.kernel.noise`. Nothing in them is executed.
+"""
 
 from __future__ import annotations
 
@@ -30,18 +34,38 @@ _FITTED: dict[str, type[Fitted]] = {
 }
 _PLAIN = [field.name for field in fields(Fitted)]
 _METADATA = "estimator"
+_STORED_NAMES = {"standardizer": "standardiser"}
+"""Fields that archives spell as the first version did."""
 _MALFORMED = (ArithmeticError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def to_json(estimator: Estimator) -> dict[str, Any]:
-    """Return settings as a JSON object with their `kind`."""
+    """Return settings as a JSON object with their `kind`.
+
+    Parameters
+    ----------
+    estimator:
+        The settings.
+    """
     return {"kind": estimator.kind, **asdict(estimator)}
 
 
 def from_json(settings: Mapping[str, Any]) -> Estimator:
-    """Read settings from `to_json`'s object; absent keys take their defaults.
+    """Read settings from `to_json`'s object.
 
-    Raises InvalidInputError on an unknown kind or key and on a value that does not fit.
+    Parameters
+    ----------
+    settings:
+        The JSON object; absent keys take their defaults.
+
+    Returns
+    -------
+    The settings.
+
+    Raises
+    ------
+    InvalidInputError:
+        For an unknown kind or key, or a value that does not fit.
     """
     values = dict(settings)
     kind = values.pop("kind", None)
@@ -54,46 +78,65 @@ def from_json(settings: Mapping[str, Any]) -> Estimator:
 
 
 def dump(fitted: Fitted) -> bytes:
-    """Return a fitted estimator as safetensors; settings and widths are JSON in its metadata."""
+    """Return a fitted estimator as safetensors; settings and widths are JSON in its metadata.
+
+    Parameters
+    ----------
+    fitted:
+        The estimator.
+    """
     description = {
         "settings": to_json(fitted.settings),
         "state_width": fitted.state_width,
         "action_width": fitted.action_width,
     }
     metadata = {_METADATA: json.dumps(description, sort_keys=True)}
-    return save_tensors(_flat(fitted), metadata=metadata)
+    return save_tensors(_flatten(fitted), metadata=metadata)
 
 
 def load(data: bytes) -> Fitted:
-    """Read `dump`'s bytes; nothing in them is executed.
+    """Read a fitted estimator from `dump`'s bytes.
 
-    Raises DamagedError where bytes are missing or changed, InvalidInputError where the settings
-    are of a kind, or have a key, that this version does not know.
+    Parameters
+    ----------
+    data:
+        The bytes, which need not be trusted.
+
+    Returns
+    -------
+    The estimator.
+
+    Raises
+    ------
+    DamagedError:
+        Where bytes are missing or changed.
+    InvalidInputError:
+        For settings of a kind, or with a key, that this version does not know.
     """
     try:
         tensors = load_tensors(data)
-        description = json.loads(_metadata(data)[_METADATA])
+        description = json.loads(_read_metadata(data)[_METADATA])
         settings = dict(description["settings"])
     except (SafetensorError, *_MALFORMED) as error:
-        raise DamagedError(f"estimator: expected safetensors as dumped, found {error}") from None
+        raise DamagedError(f"estimator: not the safetensors that were written: {error}") from None
     settings = from_json(settings)
     for name, tensor in tensors.items():
         if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
-            raise DamagedError(f"estimator: expected finite float32 in {name}, found otherwise")
+            raise DamagedError(f"estimator: {name} is not of finite float32 numbers")
     try:
         widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
         return _unflatten(_FITTED[settings.kind], tensors, settings=settings, **widths)
     except _MALFORMED as error:
-        raise DamagedError(f"{settings.kind}: expected arrays that fit, found {error}") from None
+        raise DamagedError(f"{settings.kind}: its arrays do not fit together: {error}") from None
 
 
-def _metadata(data: bytes) -> dict[str, str]:
+def _read_metadata(data: bytes) -> dict[str, str]:
     """Read the header, which `load_tensors` has checked but does not give back."""
     length = int.from_bytes(data[:8], "little")
     return json.loads(data[8 : 8 + length])["__metadata__"]
 
 
-def _flat(part: Any) -> dict[str, NDArray]:
+def _flatten(part: Any) -> dict[str, NDArray]:
     """Name the arrays in arrays, tuples and dataclasses of arrays by their dotted paths."""
     if isinstance(part, np.ndarray):
         return {"": np.asarray(part, order="C")}
@@ -101,16 +144,16 @@ def _flat(part: Any) -> dict[str, NDArray]:
         children = {str(index): child for index, child in enumerate(part)}
     else:
         names = [field.name for field in fields(part) if field.name not in _PLAIN]
-        children = {name: getattr(part, name) for name in names}
+        children = {_STORED_NAMES.get(name, name): getattr(part, name) for name in names}
     return {
         f"{name}.{path}".rstrip("."): array
         for name, child in children.items()
-        for path, array in _flat(child).items()
+        for path, array in _flatten(child).items()
     }
 
 
 def _unflatten(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
-    """Undo `_flat` for a part of a type, some of whose fields are known."""
+    """Undo `_flatten` for a part of a type, some of whose fields are known."""
     if get_origin(kind) is np.ndarray:
         return tensors[""]
     children: dict[str, dict[str, NDArray]] = {}
@@ -122,4 +165,7 @@ def _unflatten(kind: Any, tensors: Mapping[str, NDArray], **known: Any) -> Any:
         return tuple(_unflatten(element, children[str(index)]) for index in range(len(children)))
     hints = get_type_hints(kind)
     names = [field.name for field in fields(kind) if field.name not in known]
-    return kind(**known, **{name: _unflatten(hints[name], children[name]) for name in names})
+    parts = {
+        name: _unflatten(hints[name], children[_STORED_NAMES.get(name, name)]) for name in names
+    }
+    return kind(**known, **parts)

@@ -1,4 +1,7 @@
-"""What an estimator is: settings that fit, and the fitted thing that says how strange pairs are."""
+"""The two halves of every estimator: settings that fit, and a fitted value that scores pairs.
+
+Uncertainty is larger for pairs less like the labeled ones; scales turn it into leverage.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,20 @@ from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
 
 BLOCK = 512
-"""Rows in flight at once: their intermediate results stay in the processor's cache."""
+"""Rows computed at once, so that their intermediate results stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """How strange n pairs are: `total` (n,) float32, larger = stranger, and its named parts (n,).
+    """How unlike the labeled pairs n pairs are; larger = less like them.
 
-    Parts are named among aleatoric and epistemic.
+    Parameters
+    ----------
+    total:
+        The uncertainty of each pair, (n,) float32.
+    parts:
+        What it is made of, by name (`aleatoric`: the expert varies here; `epistemic`: the estimator
+        does not know), (n,) float32 each. Empty for an autoencoder.
     """
 
     total: NDArray[np.float32]
@@ -38,20 +47,43 @@ class Estimator(ABC):
     def __post_init__(self) -> None:
         """Validate every setting against the type of its default."""
         for field in fields(self):
-            value = _check(f"{self.kind}: {field.name}", getattr(self, field.name), field.default)
+            name = f"{self.kind}: {field.name}"
+            value = _check_setting(name, getattr(self, field.name), field.default)
             object.__setattr__(self, field.name, value)
 
     @abstractmethod
     def fit(self, labeled: Pairs, *, seed: int) -> Fitted:
-        """Fit to labeled pairs, two at least; same seed, same machine, same result.
+        """Fit to labeled pairs; same seed, same machine, same result.
 
-        Raises InvalidInputError.
+        Parameters
+        ----------
+        labeled:
+            Expert pairs, two at least.
+        seed:
+            The only source of randomness, 0 to 2^63 − 1.
+
+        Returns
+        -------
+        The fitted estimator; the settings stay as they are.
+
+        Raises
+        ------
+        InvalidInputError:
+            For fewer than two pairs or another seed.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted(ABC):
-    """A fitted estimator: plain arrays and formulas, made for states and actions of two widths."""
+    """A fitted estimator: plain arrays and formulas.
+
+    Parameters
+    ----------
+    settings:
+        What it was fitted with.
+    state_width, action_width:
+        The widths d and k of the states and actions that it can judge.
+    """
 
     settings: Estimator
     state_width: int
@@ -59,35 +91,88 @@ class Fitted(ABC):
 
     @property
     def margin(self) -> int:
-        """Neighbouring rows of the same episode that a batch needs on either side."""
+        """Neighboring rows of the same episode that a batch needs on either side."""
         return 0
 
     def uncertainty(self, pairs: Pairs) -> Uncertainty:
-        """Return the uncertainty of each pair; raises InvalidInputError on another width."""
-        self.refuse_other_widths(pairs)
+        """Return the uncertainty of each pair; larger = less like the labeled pairs.
+
+        Parameters
+        ----------
+        pairs:
+            n pairs of the fitted widths. Where `margin` is 1, neighboring rows of an episode must
+            be in the same batch.
+
+        Returns
+        -------
+        Totals and parts, (n,) each.
+
+        Raises
+        ------
+        InvalidInputError:
+            For states or actions of another width.
+        """
+        self.check_widths(pairs)
         return self._uncertainty(pairs)
 
     @abstractmethod
     def _uncertainty(self, pairs: Pairs) -> Uncertainty: ...
 
     def shares(self, pairs: Pairs) -> NDArray[np.float32] | None:
-        """Return each state dimension's share of the uncertainty (n, d), or None; rows sum to 1."""
+        """Return each state dimension's share of the uncertainty; larger = more to blame.
+
+        Parameters
+        ----------
+        pairs:
+            n pairs of the fitted widths.
+
+        Returns
+        -------
+        The shares (n, d), rows sum to 1; None for an estimator that has none.
+
+        Raises
+        ------
+        InvalidInputError:
+            For states or actions of another width.
+        """
         return None
 
-    def refuse_other_widths(self, pairs: Pairs) -> None:
-        """Raise InvalidInputError, naming both sides, if the pairs are not as wide as fitted."""
-        expect("state width", pairs.states.shape[1], self.state_width)
-        expect("action width", pairs.actions.shape[1], self.action_width)
+    def check_widths(self, pairs: Pairs) -> None:
+        """Raise InvalidInputError, naming both sides, if the pairs are not as wide as fitted.
+
+        Parameters
+        ----------
+        pairs:
+            Those to be judged.
+        """
+        check_equal("state width", pairs.states.shape[1], self.state_width)
+        check_equal("action width", pairs.actions.shape[1], self.action_width)
 
 
-def expect(name: str, found: object, expected: object) -> None:
-    """Raise InvalidInputError naming both sides if they differ."""
+def check_equal(name: str, found: object, expected: object) -> None:
+    """Raise InvalidInputError if two values differ.
+
+    Parameters
+    ----------
+    name:
+        What the message calls them.
+    found, expected:
+        The two sides.
+    """
     if found != expected:
         raise InvalidInputError(f"{name}: expected {expected}, found {found}")
 
 
-def refuse_unfit(labeled: Pairs, seed: int) -> None:
-    """Raise InvalidInputError if there is nothing to fit to, or the seed is none."""
+def check_fit_input(labeled: Pairs, seed: int) -> None:
+    """Raise InvalidInputError for fewer than two pairs or a seed that torch cannot take.
+
+    Parameters
+    ----------
+    labeled:
+        The pairs to fit to.
+    seed:
+        A number from 0 to 2^63 − 1.
+    """
     if len(labeled) < 2:
         raise InvalidInputError(f"labeled: expected at least 2 pairs, found {len(labeled)}")
     if not 0 <= seed < 2**63:
@@ -95,12 +180,25 @@ def refuse_unfit(labeled: Pairs, seed: int) -> None:
 
 
 def apply_in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:
-    """Apply a row-wise formula to `BLOCK` rows at a time of arrays with n rows each."""
+    """Apply a formula to `BLOCK` rows at a time.
+
+    Parameters
+    ----------
+    formula:
+        Computes every row of its result from the same row of its arguments.
+    *arrays:
+        Its arguments, n rows each.
+
+    Returns
+    -------
+    The results, n rows.
+    """
     starts = range(0, max(1, len(arrays[0])), BLOCK)
-    return np.concatenate([formula(*(a[i : i + BLOCK] for a in arrays)) for i in starts])
+    blocks = [formula(*(array[i : i + BLOCK] for array in arrays)) for i in starts]
+    return np.concatenate(blocks)
 
 
-def _check(name: str, value: Any, default: object) -> float:
+def _check_setting(name: str, value: Any, default: object) -> float:
     """Return `value` in the type of `default`: a truth value, a count or a positive number."""
     if isinstance(default, bool):
         if isinstance(value, bool):

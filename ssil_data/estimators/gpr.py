@@ -1,8 +1,4 @@
-"""GPR: a pair is strange where a Gaussian process of experts' actions is unsure.
-
-The posterior of one action dimension at a state s is kept as features of s, φ = rootᵀ kernel(Z, s),
-where Z are labeled states: variance(s) = signal − ‖φ‖², mean(s) = φ · coefficients.
-"""
+"""GPR: a pair is unusual where a Gaussian process of experts' actions is unsure."""
 
 from __future__ import annotations
 
@@ -18,25 +14,49 @@ from ssil_data.estimators.base import (
     Fitted,
     Uncertainty,
     apply_in_blocks,
-    expect,
-    refuse_unfit,
+    check_equal,
+    check_fit_input,
 )
+from ssil_data.estimators.gaussian_process import Process
 from ssil_data.features import Standardizer
-
-FAINTEST = -30.0
-"""Least exponent of the kernel: nothing to float32, and products do not slow down as denormals."""
 
 
 @dataclass(frozen=True)
 class GPR(Estimator):
-    """Gaussian process state → action: ARD RBF kernel plus noise, one per action dimension.
+    """Gaussian process regression of the expert's action: uncertain = far from labeled states.
 
-    The kernel is learned from `learn_on` pairs drawn by the seed; the posterior is exact up to
-    `inducing` labeled pairs, beyond which that many of them, drawn too, are inducing points.
-    `steps` of L-BFGS are few on purpose: the lengthscales overfit soon. `noise_floor` is the least
-    noise variance, as a share of the action's variance. `surprisal`: −log p(a | s) of the
-    standardised action, in nats, instead of the deviation (an extension of the paper); it may be
-    negative.
+    ARD RBF kernel plus noise, one process per action dimension. The uncertainty is the posterior
+    deviation of the action that the process expects; larger = less like the labeled pairs.
+
+    Parameters
+    ----------
+    learn_on:
+        Labeled pairs, drawn by the seed, that the kernel is learned from; cost grows as its cube.
+    inducing:
+        The posterior is exact up to so many labeled pairs; of more, so many, drawn by the seed,
+        become inducing points.
+    steps:
+        Steps of L-BFGS. Few on purpose: the lengthscales overfit soon.
+    noise_floor:
+        Least noise variance, as a share of the action's variance.
+    surprisal:
+        Judge the action that was taken, −log p(a | s) of the standardized action in nats, which
+        may be negative, instead of the deviation. An extension of the paper.
+
+    Raises
+    ------
+    InvalidInputError:
+        For a number that is not positive and finite, or not whole where it counts something.
+
+    Source
+    ------
+    Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, chapters 2 and 5.
+
+    Examples
+    --------
+    >>> fitted = sd.GPR(learn_on=50, steps=2).fit(dataset.labeled(), seed=0)
+    >>> fitted.uncertainty(dataset.pairs()).total.shape == (len(dataset),)
+    True
     """
 
     kind: ClassVar[str] = "gpr"
@@ -47,15 +67,38 @@ class GPR(Estimator):
     surprisal: bool = False
 
     def fit(self, labeled: Pairs, *, seed: int) -> FittedGPR:
-        """Fit to the labeled pairs, standardised by their own mean and deviation."""
+        """Fit to the labeled pairs, standardized by their own mean and deviation.
+
+        Parameters
+        ----------
+        labeled:
+            Expert pairs, two at least.
+        seed:
+            Draws the pairs to learn on and the inducing points. Same seed, same machine, same
+            result.
+
+        Returns
+        -------
+        The fitted estimator.
+
+        Raises
+        ------
+        InvalidInputError:
+            For fewer than two pairs or a seed outside 0 to 2^63 − 1.
+        """
         from ssil_data.estimators.learning import marginal, posterior
 
-        refuse_unfit(labeled, seed)
-        states, actions = Standardizer.of(labeled.states), Standardizer.of(labeled.actions)
-        x, y = states(labeled.states), actions(labeled.actions)
+        check_fit_input(labeled, seed)
+        states = Standardizer.of(labeled.states)
+        actions = Standardizer.of(labeled.actions)
+        x = states(labeled.states)
+        y = actions(labeled.actions)
         order = np.random.default_rng(seed).permutation(len(x))
-        some, inducing = np.sort(order[: self.learn_on]), np.sort(order[: self.inducing])
-        kernels = marginal.learn(x[some], y[some], self)
+        learned = np.sort(order[: self.learn_on])
+        inducing = x[np.sort(order[: self.inducing])]
+        kernels = marginal.learn(
+            x[learned], y[learned], steps=self.steps, noise_floor=self.noise_floor
+        )
         targets = zip(kernels, y.T, strict=True)
         return FittedGPR(
             settings=self,
@@ -63,52 +106,28 @@ class GPR(Estimator):
             action_width=y.shape[1],
             states=states,
             actions=actions,
-            inducing=x[inducing],
-            processes=tuple(posterior.condition(k, x[inducing], x, each) for k, each in targets),
+            inducing=inducing,
+            processes=tuple(
+                posterior.condition(kernel, inducing, x, target) for kernel, target in targets
+            ),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
-    """ARD RBF kernel plus noise: lengthscale (d,), signal and noise variance (), all float32."""
-
-    lengthscale: NDArray[np.float32]
-    signal: NDArray[np.float32]
-    noise: NDArray[np.float32]
-
-    def __call__(self, a: NDArray, b: NDArray) -> NDArray:
-        """Return signal · exp(−½‖(a_i − b_j) / lengthscale‖²) (n, m) of rows a (n, d), b (m, d).
-
-        The exponent is one matrix product of augmented rows: [a, −½‖a‖², 1]·[b, 1, −½‖b‖²]ᵀ.
-        """
-        a, b = a / self.lengthscale, b / self.lengthscale
-        one_a, one_b = np.ones((len(a), 1), a.dtype), np.ones((len(b), 1), b.dtype)
-        half_a, half_b = (-np.square(rows).sum(axis=1, keepdims=True) / 2 for rows in (a, b))
-        exponent = np.hstack([a, half_a, one_a]) @ np.hstack([b, one_b, half_b]).T
-        np.exp(np.clip(exponent, FAINTEST, 0, out=exponent), out=exponent)
-        return np.multiply(exponent, self.signal, out=exponent)
-
-
-@dataclass(frozen=True, eq=False)
-class Process:
-    """Posterior of one action dimension: φ = rootᵀ k, with root (m, q) and coefficients (q,)."""
-
-    kernel: Kernel
-    root: NDArray[np.float32]
-    coefficients: NDArray[np.float32]
-
-    def __call__(
-        self, x: NDArray[np.float32], inducing: NDArray[np.float32]
-    ) -> tuple[NDArray, NDArray]:
-        """Return mean and variance (n,) at standardised states x (n, d)."""
-        known = self.kernel(x, inducing) @ self.root
-        variance = self.kernel.signal - np.square(known).sum(axis=1)
-        return known @ self.coefficients, np.maximum(variance, 0)
-
-
-@dataclass(frozen=True, eq=False)
 class FittedGPR(Fitted):
-    """r = (Σ posterior variance of the action dimensions)^½, without the constant noise."""
+    """r = (Σ posterior variance of the action dimensions)^½, without the constant noise.
+
+    Parameters
+    ----------
+    settings:
+        What it was fitted with.
+    states, actions:
+        Standardize states (d,) and actions (k,) by the labeled pairs.
+    inducing:
+        The standardized labeled states that the posterior is expressed in, (m, d).
+    processes:
+        One posterior for each of the k action dimensions.
+    """
 
     settings: GPR
     states: Standardizer
@@ -119,24 +138,34 @@ class FittedGPR(Fitted):
     def __post_init__(self) -> None:
         """Validate that the parts fit the widths."""
         count, width = self.inducing.shape
-        expect("states", self.states.width, self.state_width)
-        expect("actions", self.actions.width, self.action_width)
-        expect("inducing", width, self.state_width)
-        expect("processes", len(self.processes), self.action_width)
+        check_equal("states", self.states.width, self.state_width)
+        check_equal("actions", self.actions.width, self.action_width)
+        check_equal("inducing", width, self.state_width)
+        check_equal("processes", len(self.processes), self.action_width)
         for process in self.processes:
-            expect("lengthscale", process.kernel.lengthscale.shape, (width,))
-            expect("signal", process.kernel.signal.shape, ())
-            expect("noise", process.kernel.noise.shape, ())
-            expect("root", process.root.shape, (count, len(process.coefficients)))
-            expect("coefficients", process.coefficients.ndim, 1)
+            check_equal("lengthscale", process.kernel.lengthscale.shape, (width,))
+            check_equal("signal", process.kernel.signal.shape, ())
+            check_equal("noise", process.kernel.noise.shape, ())
+            check_equal("root", process.root.shape, (count, len(process.coefficients)))
+            check_equal("coefficients", process.coefficients.ndim, 1)
 
     @property
     def noise(self) -> NDArray[np.float32]:
-        """Noise variance of each standardised action dimension (k,)."""
+        """Noise variance of each standardized action dimension (k,)."""
         return np.array([process.kernel.noise for process in self.processes])
 
     def posterior(self, states: NDArray[np.float32]) -> tuple[NDArray, NDArray]:
-        """Return mean and variance (n, k) of the standardised noiseless action in raw states."""
+        """Return what action the process expects in a state, and how sure it is.
+
+        Parameters
+        ----------
+        states:
+            Raw states (n, d).
+
+        Returns
+        -------
+        Mean (n, k) and variance (n, k) of the standardized action without its noise.
+        """
         x = self.states(states)
         moments = [process(x, self.inducing) for process in self.processes]
         mean, variance = (np.column_stack(each) for each in zip(*moments, strict=True))

@@ -1,4 +1,4 @@
-"""MDN: a pair is strange where a mixture of experts' actions is wide or divided.
+"""MDN: a pair is unusual where a mixture of experts' actions is wide or divided.
 
 Both depend on the state alone, and the network learns them only where experts have been: a wrong
 action in a familiar state looks perfect, and so may an unfamiliar state. `surprisal` judges the
@@ -19,8 +19,8 @@ from ssil_data.estimators.base import (
     Fitted,
     Uncertainty,
     apply_in_blocks,
-    expect,
-    refuse_unfit,
+    check_equal,
+    check_fit_input,
 )
 from ssil_data.estimators.perceptron import Perceptron
 from ssil_data.features import Standardizer
@@ -28,11 +28,44 @@ from ssil_data.features import Standardizer
 
 @dataclass(frozen=True)
 class MDN(Estimator):
-    """Mixture density network, state → mixture of `components` normal actions.
+    """Mixture density network of the expert's action: uncertain = wide or divided.
 
-    `floor` is the least variance of a component, as a share of the action's variance; `hidden`,
-    `steps`, `batch` and `rate` are as in the VAE. `surprisal`: −log p(a | s) of the standardised
-    action, in nats, instead of the variances (an extension of the paper); it may be negative.
+    State → mixture of `components` normal actions. The uncertainty is the variance of the mixture,
+    within its components (aleatoric) and between them (epistemic); larger = less sure of the
+    expert's action.
+
+    Parameters
+    ----------
+    components:
+        Normal distributions in the mixture.
+    hidden:
+        Width of the one hidden layer.
+    floor:
+        Least variance of a component, as a share of the action's variance.
+    steps:
+        Steps of Adam, at a rate that falls to zero.
+    batch:
+        Labeled pairs drawn for each step.
+    rate:
+        Learning rate of the first step.
+    surprisal:
+        Judge the action that was taken, −log p(a | s) of the standardized action in nats, which
+        may be negative, instead of the variances. An extension of the paper.
+
+    Raises
+    ------
+    InvalidInputError:
+        For a number that is not positive and finite, or not whole where it counts something.
+
+    Source
+    ------
+    Bishop, Mixture Density Networks, 1994.
+
+    Examples
+    --------
+    >>> fitted = sd.MDN(steps=20, surprisal=True).fit(dataset.labeled(), seed=0)
+    >>> sorted(fitted.uncertainty(dataset.pairs()).parts)
+    ['aleatoric', 'epistemic']
     """
 
     kind: ClassVar[str] = "mdn"
@@ -45,42 +78,95 @@ class MDN(Estimator):
     surprisal: bool = False
 
     def fit(self, labeled: Pairs, *, seed: int) -> FittedMDN:
-        """Fit to the labeled pairs, standardised by their own mean and deviation."""
+        """Fit to the labeled pairs, standardized by their own mean and deviation.
+
+        Parameters
+        ----------
+        labeled:
+            Expert pairs, two at least.
+        seed:
+            Sets the first weights and draws the batches. Same seed, same machine, same result.
+
+        Returns
+        -------
+        The fitted estimator.
+
+        Raises
+        ------
+        InvalidInputError:
+            For fewer than two pairs or a seed outside 0 to 2^63 − 1.
+        """
         from ssil_data.estimators.learning import mixture
 
-        refuse_unfit(labeled, seed)
-        states, actions = Standardizer.of(labeled.states), Standardizer.of(labeled.actions)
+        check_fit_input(labeled, seed)
+        states = Standardizer.of(labeled.states)
+        actions = Standardizer.of(labeled.actions)
+        network = mixture.learn(
+            states(labeled.states),
+            actions(labeled.actions),
+            components=self.components,
+            hidden=self.hidden,
+            floor=self.floor,
+            steps=self.steps,
+            batch=self.batch,
+            rate=self.rate,
+            seed=seed,
+        )
         return FittedMDN(
             settings=self,
             state_width=labeled.states.shape[1],
             action_width=labeled.actions.shape[1],
             states=states,
             actions=actions,
-            network=mixture.learn(
-                states(labeled.states), actions(labeled.actions), self, seed=seed
-            ),
+            network=network,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Of n states: weights (n, K), means and variances (n, K, k) of the components."""
+    """Mixtures of K normal actions in n states.
+
+    Parameters
+    ----------
+    weights:
+        Of the components (n, K); rows sum to 1.
+    means:
+        Of the standardized action, (n, K, k).
+    variances:
+        Of each action dimension, (n, K, k).
+    """
 
     weights: NDArray[np.float32]
     means: NDArray[np.float32]
     variances: NDArray[np.float32]
 
     def aleatoric(self) -> NDArray[np.float32]:
-        """Σ_k π_k σ_k², summed over action dimensions (n,) (paper)."""
+        """Return the variance within the components, Σ_k π_k σ_k² (n,) (paper).
+
+        It is summed over action dimensions; larger = experts act less uniformly here.
+        """
         return np.einsum("nk,nka->n", self.weights, self.variances)
 
     def epistemic(self) -> NDArray[np.float32]:
-        """Σ_k π_k ‖μ_k − Σ_j π_j μ_j‖² (n,) (paper)."""
-        centred = self.means - np.einsum("nk,nka->na", self.weights, self.means)[:, None]
-        return np.einsum("nk,nka->n", self.weights, np.square(centred))
+        """Return the variance between the components, Σ_k π_k ‖μ_k − Σ_j π_j μ_j‖² (n,) (paper).
+
+        Larger = the components disagree.
+        """
+        centered = self.means - np.einsum("nk,nka->na", self.weights, self.means)[:, None]
+        return np.einsum("nk,nka->n", self.weights, np.square(centered))
 
     def surprisal(self, actions: NDArray[np.float32]) -> NDArray[np.float32]:
-        """−log Σ_k π_k N(a; μ_k, σ_k²) (n,), in nats."""
+        """Return −log Σ_k π_k N(a; μ_k, σ_k²) in nats; larger = the action was less expected.
+
+        Parameters
+        ----------
+        actions:
+            The standardized actions that were taken, (n, k).
+
+        Returns
+        -------
+        The surprisal (n,), which may be negative.
+        """
         distance = np.square(actions[:, None] - self.means) / self.variances
         log_density = -(distance + np.log(2 * np.pi * self.variances)).sum(axis=2) / 2
         with np.errstate(divide="ignore"):
@@ -91,7 +177,17 @@ class Mixture:
 
 @dataclass(frozen=True, eq=False)
 class FittedMDN(Fitted):
-    """r = aleatoric + epistemic variance of the standardised action (paper)."""
+    """r = aleatoric + epistemic variance of the standardized action (paper).
+
+    Parameters
+    ----------
+    settings:
+        What it was fitted with.
+    states, actions:
+        Standardize states (d,) and actions (k,) by the labeled pairs.
+    network:
+        State (d) → logits (K), means (K·k), log variances (K·k).
+    """
 
     settings: MDN
     states: Standardizer
@@ -101,13 +197,24 @@ class FittedMDN(Fitted):
     def __post_init__(self) -> None:
         """Validate that the parts fit the settings and the widths."""
         outputs = self.settings.components * (1 + 2 * self.action_width)
-        expect("states", self.states.width, self.state_width)
-        expect("actions", self.actions.width, self.action_width)
-        expect("network", self.network.widths, (self.state_width, outputs))
+        check_equal("states", self.states.width, self.state_width)
+        check_equal("actions", self.actions.width, self.action_width)
+        check_equal("network", self.network.widths, (self.state_width, outputs))
 
     def mixture(self, states: NDArray[np.float32]) -> Mixture:
-        """Return the mixture of standardised actions in raw `states` (n, d)."""
-        count, width = self.settings.components, self.action_width
+        """Return the actions that experts may take in a state.
+
+        Parameters
+        ----------
+        states:
+            Raw states (n, d).
+
+        Returns
+        -------
+        The mixtures of standardized actions.
+        """
+        count = self.settings.components
+        width = self.action_width
         raw = self.network(self.states(states))
         logits, means, log_variances = np.split(raw, [count, count * (1 + width)], axis=1)
         weights = np.exp(logits - logits.max(axis=1, keepdims=True))
@@ -119,10 +226,12 @@ class FittedMDN(Fitted):
     def _uncertainty(self, pairs: Pairs) -> Uncertainty:
         def judge(states: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.float32]:
             mixture = self.mixture(states)
-            parts = mixture.aleatoric(), mixture.epistemic()
-            judged = self.settings.surprisal
-            total = mixture.surprisal(self.actions(actions)) if judged else sum(parts)
-            return np.column_stack([total, *parts])
+            aleatoric = mixture.aleatoric()
+            epistemic = mixture.epistemic()
+            total = aleatoric + epistemic
+            if self.settings.surprisal:
+                total = mixture.surprisal(self.actions(actions))
+            return np.column_stack([total, aleatoric, epistemic])
 
         total, aleatoric, epistemic = apply_in_blocks(judge, pairs.states, pairs.actions).T.copy()
         return Uncertainty(total, {"aleatoric": aleatoric, "epistemic": epistemic})

@@ -1,4 +1,4 @@
-"""A multi-layer perceptron as plain arrays: torch learns it, NumPy asks it."""
+"""A multi-layer perceptron as plain arrays: torch learns it, NumPy evaluates it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,17 @@ from ssil_data.errors import InvalidInputError
 class Perceptron:
     """One hidden layer, y = tanh(x·inner + inner_bias)·outer + outer_bias.
 
-    inner (in, hidden), inner_bias (hidden,), outer (hidden, out), outer_bias (out,), all float32.
+    Parameters
+    ----------
+    inner, inner_bias:
+        From input to hidden layer, (in, hidden) and (hidden,) float32.
+    outer, outer_bias:
+        From hidden layer to output, (hidden, out) and (out,) float32.
+
+    Raises
+    ------
+    InvalidInputError:
+        For shapes that do not fit each other.
     """
 
     inner: NDArray[np.float32]
@@ -32,11 +42,21 @@ class Perceptron:
 
     @property
     def widths(self) -> tuple[int, int]:
-        """Return the widths of the input and of the output."""
+        """The widths of the input and of the output."""
         return self.inner.shape[0], self.outer.shape[1]
 
     def __call__(self, x: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Map rows (n, in) to rows (n, out)."""
+        """Evaluate the network.
+
+        Parameters
+        ----------
+        x:
+            Inputs (n, in).
+
+        Returns
+        -------
+        Outputs (n, out).
+        """
         hidden = x @ self.inner
         hidden += self.inner_bias
         y = np.tanh(hidden, out=hidden) @ self.outer

@@ -1,244 +1,278 @@
-"""The leverage field: how good is the neighbourhood of a state, asked of all demonstrations."""
+"""The leverage field: how expert-like the neighborhood of a state is, over all demonstrations.
+
+With states s_i of leverage l_i and the kernel k_α of standardized states (`ssil_data.kernels`),
+
+    LCoR(s) = Σ l_i k_α(s, s_i) / Σ k_α(s, s_i)                                 (equation 5)
+
+and CoR(s) (equation 2) compares the same kernel's means over the labeled states and all others.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from threading import RLock
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssil_data.demonstrations import finite_matrix, finite_vector
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
-from ssil_data.field.answers import Accuracy, LCoR
-from ssil_data.kernels import (
-    Moments,
-    References,
-    Sampled,
-    Sums,
-    check_alpha,
-    cor,
-    log_kernel,
-)
-
-ALPHA_RANGE = (1e-2, 1e4)
-"""Where `auto_alpha` looks; beyond its upper end the kernel no longer changes: exp(−d/2)."""
-_DEVIATION_QUERIES = 256
-"""States that are asked for the deviation of LCoR."""
-_SHIFT = 0.1
-"""Part of its share of the store by which `auto_alpha` lets an answer miss, for an odd α."""
+from ssil_data.field.answers import LCoR
+from ssil_data.field.engine import FieldEngine
+from ssil_data.field.query import LCoROptions, LCoRQuery, check_contributors
+from ssil_data.kernels import Sums, check_alpha, cor
 
 
 @dataclass(frozen=True, eq=False)
 class LeverageField:
-    """Demonstration states (n, d) in raw units with their leverage (n,), and a kernel over them.
+    """Demonstration states with their leverage, and a kernel over them: LCoR and CoR of any state.
 
-    `standardiser` makes units comparable, `alpha` > 0 is the kernel's sharpness, `labeled` (n,)
-    tells the expert states of CoR from the rest. States may be a read-only mapped file. `device` is
-    where torch holds them for exact answers, as "cuda"; on "cpu" code is written for the
-    processor, and samples are always asked there, by `threads` or all its processors. Raises
-    InvalidInputError for unequal lengths and for leverages outside [0, 1].
+    Parameters
+    ----------
+    states:
+        (n, d) demonstration states in raw units; may be a read-only mapped file.
+    leverage:
+        (n,) in [0, 1]; 1 is expert-like.
+    labeled:
+        (n,) true for the states of labeled episodes, the expert states of CoR.
+    standardizer:
+        Makes the units of the dimensions comparable.
+    alpha:
+        The kernel's sharpness, > 0: the larger, the fewer demonstrations a value rests on.
+    device:
+        Where torch keeps the states for exact values, as "cuda"; on "cpu" code is written for the
+        processor. Samples are always computed on the processor.
+    threads:
+        Threads of a query; all of the processor's without.
+    engine:
+        The packed demonstrations of a field over the same arrays, as `at` and
+        `dataclasses.replace` pass them on; made anew without, or for other arrays.
+
+    Raises
+    ------
+    InvalidInputError
+        For no states, values that are not finite, unequal lengths, leverages outside [0, 1], an
+        alpha or threads that are none.
+
+    Examples
+    --------
+    >>> field = sd.LeverageField(
+    ...     states=np.array([[0.0], [1.0]]),
+    ...     leverage=np.array([1.0, 0.0]),
+    ...     labeled=np.array([True, False]),
+    ...     standardizer=dataset.field("vae").standardizer.of(np.array([[0.0], [1.0]], np.float32)),
+    ...     alpha=1.0,
+    ... )
+    >>> field
+    LeverageField(2 states of 1 dimensions, alpha=1)
+    >>> field.lcor([[0.5]]).values.round(3).tolist()
+    [0.5]
     """
 
     states: NDArray[np.float32]
     leverage: NDArray[np.float32]
     labeled: NDArray[np.bool_]
-    standardiser: Standardizer
+    standardizer: Standardizer
     alpha: float
     device: str = "cpu"
     threads: int | None = None
-    _lock: RLock = field(default_factory=RLock, init=False, repr=False)
+    engine: FieldEngine | None = None
 
     def __post_init__(self) -> None:
-        """Validate lengths and alpha."""
+        """Validate, and take the engine over if it is one of these arrays."""
         object.__setattr__(self, "alpha", check_alpha(self.alpha))
-        object.__setattr__(self, "states", finite_matrix("states", self.states))
-        object.__setattr__(self, "leverage", finite_vector("leverage", self.leverage))
-        object.__setattr__(self, "labeled", np.asarray(self.labeled, bool))
-        for name in ("leverage", "labeled"):
-            if getattr(self, name).shape != self.states.shape[:1]:
-                raise InvalidInputError(
-                    f"{name}: expected one per state, "
-                    f"found shape {getattr(self, name).shape} for {len(self.states)} states"
-                )
-        outside = np.flatnonzero((self.leverage < 0) | (self.leverage > 1))
-        if len(outside):
-            row = int(outside[0])
-            raise InvalidInputError(
-                f"leverage: expected numbers from 0 to 1, found {self.leverage[row]} at row {row}"
-            )
-        if not len(self.states):
-            raise InvalidInputError("states: expected at least one, found none")
         if self.threads is not None and self.threads < 1:
             raise InvalidInputError(f"threads: expected at least 1, found {self.threads}")
+        engine = self.engine if self._fits(self.engine) else self._make_engine()
+        assert engine is not None
+        object.__setattr__(self, "engine", engine)
+        object.__setattr__(self, "states", engine.states)
+        object.__setattr__(self, "leverage", engine.leverage)
+        object.__setattr__(self, "labeled", engine.labeled)
+
+    def _fits(self, engine: FieldEngine | None) -> bool:
+        return (
+            engine is not None
+            and engine.is_made_of(self.states, self.leverage, self.labeled)
+            and engine.standardizer is self.standardizer
+            and engine.device == self.device
+        )
+
+    def _make_engine(self) -> FieldEngine:
+        return FieldEngine(
+            self.states,
+            self.leverage,
+            self.labeled,
+            standardizer=self.standardizer,
+            device=self.device,
+        )
 
     def __repr__(self) -> str:
         """Show size and kernel."""
         count, width = self.states.shape
         return f"LeverageField({count:,} states of {width} dimensions, alpha={self.alpha:.4g})"
 
-    def at(self, alpha: float) -> LeverageField:
-        """Return the field with another sharpness; what is packed by now is shared."""
-        other = object.__new__(LeverageField)
-        other.__dict__.update(self.__dict__, alpha=check_alpha(alpha))
-        other.__dict__.pop("_deviation", None)
-        return other
-
     def __reduce__(self) -> tuple[type[LeverageField], tuple[Any, ...]]:
-        """Copy what it was made of, not what it has packed."""
-        return LeverageField, tuple(getattr(self, f.name) for f in fields(self) if f.init)
+        """Pickle and copy the values; what is packed is made again from them."""
+        values = [getattr(self, field.name) for field in fields(self) if field.name != "engine"]
+        return LeverageField, tuple(values)
 
-    def lcor(
-        self,
-        states: ArrayLike,
-        *,
-        contributors: int = 0,
-        tolerance: float | None = None,
-        relative: bool = False,
-        seconds: float | None = None,
-        seed: int = 0,
-    ) -> LCoR:
-        """Return LCoR (equation 5) of states (m, d) in raw units.
+    def at(self, alpha: float) -> LeverageField:
+        """Return the field with another sharpness; packed demonstrations are shared.
 
-        All demonstration states are asked, and with `contributors` > 0 those that contributed most
-        are named. `tolerance`, `relative`, `seconds` and `seed` are those of `Accuracy`; the first
-        such answer reads all states once more. But for `seconds`, an answer is the same to the last
-        bit on the same processor, whatever is asked with it and by however many threads; torch's
-        (another `device`, α below 1e-3) may round otherwise. Raises InvalidInputError for another
-        width, non-finite states, or options that contradict each other.
+        Parameters
+        ----------
+        alpha:
+            The kernel's sharpness, > 0.
+
+        Returns
+        -------
+        LeverageField
+            A field over the same demonstrations.
+
+        Raises
+        ------
+        InvalidInputError
+            For an alpha at which the kernel cannot be computed.
+
+        Examples
+        --------
+        >>> dataset.field("vae").at(3.0).alpha
+        3.0
         """
-        accuracy = Accuracy(tolerance, relative, seconds, seed)
-        if accuracy.exact:
-            return LCoR.of_sums(self.sums(states, contributors=contributors))
-        if contributors:
-            raise InvalidInputError(
-                "contributors: expected 0 with a tolerance or seconds, as only all states "
-                f"together can name them, found {contributors}"
-            )
-        queries, sampled = self._standardize(states), self._sampled_references()
-        how: dict[str, Any] = {"alpha": self.alpha, "seed": seed, "threads": self.threads}
-        if accuracy.seconds is not None:
-            found = sampled.in_time(queries, seconds=accuracy.seconds, **how)
-        else:
-            assert accuracy.tolerance is not None
-            width = accuracy.tolerance * (self._deviation if relative else 1.0)
-            found = sampled.within(queries, tolerance=width, **how)
-        return LCoR.of_estimate(found)
+        return replace(self, alpha=alpha)
+
+    def lcor(self, states: ArrayLike, **options: Unpack[LCoROptions]) -> LCoR:
+        """Return LCoR of states: near 1 where nearby demonstrations are expert-like, near 0 not.
+
+        Exact values are the same to the last bit on the same processor, whatever other states are
+        in the query and by however many threads; torch's (another `device`, α below 1e-3) may
+        round otherwise.
+
+        Parameters
+        ----------
+        states:
+            (m, d) in raw units.
+        options:
+            The fields of `LCoRQuery` as keyword arguments: `contributors`, `tolerance`,
+            `relative`, `seconds`, `seed`. The first query with a tolerance or seconds reads all
+            demonstrations once more.
+
+        Returns
+        -------
+        LCoR
+            Values (m,), their effective sample sizes, half-widths and contributors.
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and for options that conflict.
+
+        Notes
+        -----
+        Equation 5: LCoR(s) = Σ l_i k_α(s, s_i) / Σ k_α(s, s_i).
+
+        Examples
+        --------
+        >>> field = dataset.field("vae")
+        >>> exact = field.lcor(field.states[:5])
+        >>> bool(((exact.values >= 0) & (exact.values <= 1)).all())
+        True
+        >>> field.lcor(field.states[:5], contributors=3).contributors.row.shape
+        (5, 3)
+        """
+        query = LCoRQuery(**options)
+        if query.exact:
+            return LCoR.of_sums(self.sums(states, contributors=query.contributors))
+        return self._estimate(self._engine.standardize(states), query)
+
+    def _estimate(self, queries: NDArray[np.float32], query: LCoRQuery) -> LCoR:
+        """Return LCoR of standardized states from a random part of the demonstrations."""
+        sampled = self._engine.sampled()
+        how: dict[str, Any] = {"alpha": self.alpha, "seed": query.seed, "threads": self.threads}
+        if query.seconds is not None:
+            return LCoR.of_estimate(sampled.in_time(queries, seconds=query.seconds, **how))
+        assert query.tolerance is not None
+        width = query.tolerance * (self._deviation if query.relative else 1.0)
+        return LCoR.of_estimate(sampled.within(queries, tolerance=width, **how))
 
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
-        """Return the sums that make LCoR of states (m, d) in raw units.
+        """Return the sums that make LCoR, which add up over the shards of a store.
 
-        Those over shards with one standardiser and alpha add up, where `nearest` is numbered over
-        all of them. Errors as in `lcor`.
+        Sums over shards with one standardizer and one alpha add up to those over the whole store,
+        if `nearest` is numbered over all of it.
+
+        Parameters
+        ----------
+        states:
+            (m, d) in raw units.
+        contributors:
+            Also return this many demonstration states that weigh most.
+
+        Returns
+        -------
+        Sums
+            Σ l w, Σ w and Σ w² of each state, with w = k / exp(log_scale).
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and for a negative number.
+
+        Examples
+        --------
+        >>> field = dataset.field("vae")
+        >>> sums = field.sums(field.states[:5])
+        >>> bool((sums.numerator / sums.denominator == field.lcor(field.states[:5]).values).all())
+        True
         """
-        if contributors < 0:
-            raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")
-        queries = self._standardize(states)
-        return self._references().sums(
-            queries, alpha=self.alpha, contributors=contributors, threads=self.threads
+        check_contributors(contributors)
+        return self._engine.references().sums(
+            self._engine.standardize(states),
+            alpha=self.alpha,
+            contributors=contributors,
+            threads=self.threads,
         )
 
     def cor(self, states: ArrayLike) -> NDArray[np.float64]:
-        """Return CoR (equation 2) of states (m, d) in raw units, (m,) in [0, 1].
+        """Return CoR of states: above 1/2 where the labeled states are nearer than all others.
 
         Expert states are the labeled ones, negative states all others, as MixGAIL takes them.
+
+        Parameters
+        ----------
+        states:
+            (m, d) in raw units.
+
+        Returns
+        -------
+        NDArray
+            (m,) in [0, 1].
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and where all states are labeled, or none.
+
+        Notes
+        -----
+        Equation 2.
+
+        Examples
+        --------
+        >>> field = dataset.field("vae")
+        >>> field.cor(field.states[:5]).shape
+        (5,)
         """
-        expert, negative = self._moments
-        return cor(self._standardize(states), expert, negative, self.alpha)
-
-    @cached_property
-    def _rows(self) -> _StandardizedRows:
-        return _StandardizedRows(self.states, self.standardiser)
-
-    @cached_property
-    def _references_cache(self) -> References:
-        return References(self._rows, self.leverage, device=self.device)
-
-    def _references(self) -> References:
-        with self._lock:
-            return self._references_cache
-
-    @cached_property
-    def _sampled_cache(self) -> Sampled:
-        return Sampled(self._rows, self.leverage, self._references)
-
-    def _sampled_references(self) -> Sampled:
-        with self._lock:
-            return self._sampled_cache
+        expert, negative = self._engine.moments()
+        return cor(self._engine.standardize(states), expert, negative, self.alpha)
 
     @cached_property
     def _deviation(self) -> float:
-        """Return the standard deviation of LCoR over the demonstration states, from a sample."""
-        chosen = np.random.default_rng(0).integers(len(self.states), size=_DEVIATION_QUERIES)
-        found = self._sampled_references().deviation(self._rows[chosen], alpha=self.alpha)
-        return max(found, np.finfo(float).tiny)
-
-    @cached_property
-    def _moments(self) -> tuple[Moments, Moments]:
-        count = int(self.labeled.sum())
-        if not 0 < count < len(self.labeled):
-            raise InvalidInputError(
-                f"cor: expected labeled and unlabeled states, found {count} labeled of "
-                f"{len(self.labeled)}"
-            )
-        expert, negative = (
-            Moments.of_parts(self._rows[part] for part in _parts(np.flatnonzero(chosen)))
-            for chosen in (self.labeled, ~self.labeled)
-        )
-        return expert, negative
-
-    def _standardize(self, states: ArrayLike) -> NDArray[np.float32]:
-        return self.standardiser(finite_matrix("states", states, width=self.states.shape[1]))
-
-
-@dataclass(frozen=True)
-class _StandardizedRows:
-    """States as the kernel sees them, converted as they are read."""
-
-    states: NDArray[np.float32]
-    standardiser: Standardizer
+        return self._engine.deviation(self.alpha)
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        return self.states.shape
-
-    def __getitem__(self, rows: slice | NDArray[np.int64], /) -> NDArray[np.float32]:
-        return self.standardiser(self.states[rows])
-
-
-def _parts(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    return np.array_split(rows, -(-len(rows) // (1 << 18)))
-
-
-def auto_alpha(standardised: NDArray[np.float32], *, share: float = 0.1, seed: int = 0) -> float:
-    """Return the α at which an answer rests on `share` of the store on average.
-
-    Bisects on a sample of the standardised states (n, d): 64 of them ask, up to 2,048 others
-    answer. Where no α in ALPHA_RANGE is sharp or flat enough, the nearer end is returned. The
-    nearest odd α is taken instead where that moves the sample's share by less than a tenth:
-    its power is whole, and up to 199 LCoR is then quicker by up to a third.
-    """
-    order = np.random.default_rng(seed).permutation(len(standardised))
-    queries, references = standardised[order[:64]], standardised[order[64 : 64 + 2048]]
-    if not len(references):
-        references = queries
-    distance = np.stack([np.abs(references - query).sum(axis=1) for query in queries])
-    low, high = np.log(ALPHA_RANGE)
-    for _ in range(16):
-        middle = (low + high) / 2
-        flat = _effective_share(distance, np.exp(middle)) > share
-        low, high = (middle, high) if flat else (low, middle)
-    found = float(np.exp((low + high) / 2))
-    odd = 2.0 * round((found - 1) / 2) + 1
-    moved = _effective_share(distance, odd) / _effective_share(distance, found) - 1
-    return odd if abs(moved) < _SHIFT else found
-
-
-def _effective_share(distance: NDArray[np.float32], alpha: float) -> float:
-    log_weights = log_kernel(distance, alpha)
-    weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
-    sizes = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
-    return float(sizes.mean() / distance.shape[1])
+    def _engine(self) -> FieldEngine:
+        assert self.engine is not None
+        return self.engine

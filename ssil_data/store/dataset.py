@@ -226,7 +226,7 @@ class Dataset:
             states=self.pairs().states,
             leverage=self.leverage(run),
             labeled=self.per_pair("labeled").astype(bool),
-            standardiser=Standardizer(
+            standardizer=Standardizer(
                 np.asarray(record.shift, np.float32), np.asarray(record.spread, np.float32)
             ),
             alpha=record.alpha if alpha is None else alpha,

@@ -1,1 +1,5 @@
-"""Where torch lives: imported by `fit` alone, so that settings and scoring never wait for it."""
+"""Training code of the estimators: the only modules here that import torch.
+
+It takes arrays and numbers and returns arrays; `fit` imports it when it is called, so that neither
+settings nor scoring with a fitted estimator load torch.
+"""

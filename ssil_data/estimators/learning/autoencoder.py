@@ -9,16 +9,40 @@ from torch import Tensor
 
 from ssil_data.estimators.learning.descent import descend, network, perceptron, reproducible
 from ssil_data.estimators.perceptron import Perceptron
-from ssil_data.estimators.vae import AutoencoderSettings
 
 
 def learn(
-    inputs: NDArray[np.float32], settings: AutoencoderSettings, *, seed: int
+    inputs: NDArray[np.float32],
+    *,
+    latent: int,
+    hidden: int,
+    beta: float,
+    steps: int,
+    batch: int,
+    rate: float,
+    seed: int,
 ) -> tuple[Perceptron, Perceptron]:
-    """Return encoder (d → 2·latent: means, log variances) and decoder (latent → d) of `inputs`.
+    """Train an encoder and a decoder of rows.
 
-    Minimises ½‖x − decoder(z)‖² + β KL(N(mean, variance) ‖ N(0, 1)), z drawn from the encoder
+    Minimizes ½‖x − decoder(z)‖² + β KL(N(mean, variance) ‖ N(0, 1)), z drawn from the encoder
     (Kingma and Welling, 2014; β: Higgins et al., 2017).
+
+    Parameters
+    ----------
+    inputs:
+        Standardized rows (n, d).
+    latent, hidden:
+        Widths of the latent space and of the hidden layers.
+    beta:
+        Weight of the KL term.
+    steps, batch, rate:
+        Of Adam, see `descend`.
+    seed:
+        Sets the first weights, the batches and z.
+
+    Returns
+    -------
+    The encoder (d → 2·latent: means, log variances) and the decoder (latent → d).
     """
     width = inputs.shape[1]
 
@@ -26,17 +50,10 @@ def learn(
         mean, log_variance = encoder(x).chunk(2, dim=1)
         z = mean + torch.exp(log_variance / 2) * torch.randn_like(mean)
         divergence = (mean.square() + log_variance.exp() - log_variance - 1).sum(dim=1) / 2
-        return ((x - decoder(z)).square().sum(dim=1) / 2 + settings.beta * divergence).mean()
+        return ((x - decoder(z)).square().sum(dim=1) / 2 + beta * divergence).mean()
 
     with reproducible(seed):
-        encoder = network(width, settings.hidden, 2 * settings.latent)
-        decoder = network(settings.latent, settings.hidden, width)
-        descend(
-            loss,
-            (inputs,),
-            [encoder, decoder],
-            steps=settings.steps,
-            batch=settings.batch,
-            rate=settings.rate,
-        )
+        encoder = network(width, hidden, 2 * latent)
+        decoder = network(latent, hidden, width)
+        descend(loss, (inputs,), [encoder, decoder], steps=steps, batch=batch, rate=rate)
     return perceptron(encoder), perceptron(decoder)

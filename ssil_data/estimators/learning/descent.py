@@ -14,12 +14,18 @@ from torch import Tensor, nn
 from ssil_data.estimators.perceptron import Perceptron
 
 _ONE_AT_A_TIME = Lock()
-"""The random state and the thread count are the process's: fits of several threads take turns."""
+"""Generator and thread count belong to the whole process, so fits in several threads take turns."""
 
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Seed torch and use one thread inside: faster on small steps, and sums keep their order."""
+    """Seed torch and use one thread inside: faster on small steps, and sums keep their order.
+
+    Parameters
+    ----------
+    seed:
+        Of torch's generator; the generator is restored on leaving.
+    """
     with _ONE_AT_A_TIME, torch.random.fork_rng(devices=[]):
         threads = torch.get_num_threads()
         torch.manual_seed(seed)
@@ -31,12 +37,24 @@ def reproducible(seed: int) -> Iterator[None]:
 
 
 def network(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
-    """Return the network that `perceptron` turns into arrays."""
+    """Build the network that `perceptron` turns into arrays.
+
+    Parameters
+    ----------
+    inputs, hidden, outputs:
+        Widths of its layers.
+    """
     return nn.Sequential(nn.Linear(inputs, hidden), nn.Tanh(), nn.Linear(hidden, outputs))
 
 
 def perceptron(learned: nn.Sequential) -> Perceptron:
-    """Return the arrays of a `network`."""
+    """Copy a trained network's weights into plain arrays.
+
+    Parameters
+    ----------
+    learned:
+        What `network` built.
+    """
     inner, inner_bias, outer, outer_bias = (
         np.ascontiguousarray(parameter.detach().numpy().T) for parameter in learned.parameters()
     )
@@ -52,16 +70,29 @@ def descend(
     batch: int,
     rate: float,
 ) -> None:
-    """Minimise the mean `loss` of rows of `data` by Adam, its rate falling to zero as a cosine.
+    """Minimize a mean loss by Adam, its rate falling to zero as a cosine.
 
-    Every step draws `batch` rows with replacement.
+    Parameters
+    ----------
+    loss:
+        Maps some rows of each array of `data` to their mean loss.
+    data:
+        Arrays of n rows.
+    networks:
+        Those whose weights are changed.
+    steps:
+        Steps of Adam.
+    batch:
+        Rows that each step draws, with replacement.
+    rate:
+        Learning rate of the first step.
     """
     parameters = [parameter for network in networks for parameter in network.parameters()]
-    optimiser = torch.optim.Adam(parameters, lr=rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    optimizer = torch.optim.Adam(parameters, lr=rate, fused=True)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     tensors = [torch.from_numpy(array) for array in data]
     for rows in torch.randint(len(data[0]), (steps, batch)):
-        optimiser.zero_grad()
+        optimizer.zero_grad()
         loss(*(tensor[rows] for tensor in tensors)).backward()
-        optimiser.step()
+        optimizer.step()
         schedule.step()

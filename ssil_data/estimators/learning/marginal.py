@@ -14,7 +14,7 @@ from gpytorch.likelihoods import GaussianLikelihood
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ssil_data.estimators.gpr import GPR, Kernel
+from ssil_data.estimators.gaussian_process import Kernel
 from ssil_data.estimators.learning.descent import reproducible
 
 
@@ -33,19 +33,33 @@ class _Process(gpytorch.models.ExactGP):
         return MultivariateNormal(x.new_zeros(covariance.shape[:-1]), covariance)
 
 
-def learn(states: NDArray[np.float32], actions: NDArray[np.float32], settings: GPR) -> list[Kernel]:
-    """Maximise the marginal likelihood of standardised pairs over the kernels, by L-BFGS.
+def learn(
+    states: NDArray[np.float32], actions: NDArray[np.float32], *, steps: int, noise_floor: float
+) -> list[Kernel]:
+    """Maximize the marginal likelihood of pairs over the kernels, by L-BFGS.
 
-    Exact, so n³ a step; in float64, where a Cholesky factor of close neighbours survives.
+    Exact, so a step costs n³; in float64, where a Cholesky factor of close neighbors exists.
+
+    Parameters
+    ----------
+    states, actions:
+        Standardized pairs, (n, d) and (n, k).
+    steps:
+        Steps of L-BFGS.
+    noise_floor:
+        Least noise variance.
+
+    Returns
+    -------
+    One kernel for each of the k action dimensions.
     """
-    x, y = torch.from_numpy(states).double(), torch.from_numpy(actions).double().T.contiguous()
-    floor = GreaterThan(settings.noise_floor)
+    x = torch.from_numpy(states).double()
+    y = torch.from_numpy(actions).double().T.contiguous()
+    floor = GreaterThan(noise_floor)
     likelihood = GaussianLikelihood(noise_constraint=floor, batch_shape=y.shape[:1])
     process = _Process(x, y, likelihood).double()
     evidence = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, process)
-    descent = torch.optim.LBFGS(
-        process.parameters(), max_iter=settings.steps, line_search_fn="strong_wolfe"
-    )
+    descent = torch.optim.LBFGS(process.parameters(), max_iter=steps, line_search_fn="strong_wolfe")
 
     def loss() -> Tensor:
         descent.zero_grad()

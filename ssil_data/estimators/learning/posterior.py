@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ssil_data.estimators.gpr import Kernel, Process
+from ssil_data.estimators.gaussian_process import Kernel, Process
 from ssil_data.estimators.learning.descent import reproducible
 
 NEGLIGIBLE = 1e-2
@@ -25,20 +25,38 @@ JITTER = 1e-8
 def condition(
     kernel: Kernel, inducing: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]
 ) -> Process:
-    """Condition on states x (n, d) and one action dimension y (n,), all standardised.
+    """Condition one action dimension on labeled pairs; in float64, cost m³ + n m².
 
     Since φᵢ² ≤ signal · γᵢ / (1 + γᵢ), features that together stay below `NEGLIGIBLE` are left out,
-    often half of them. In float64; m³ + n m².
+    often half of them.
+
+    Parameters
+    ----------
+    kernel:
+        The prior covariance and the noise.
+    inducing:
+        Standardized states Z (m, d) to express the posterior in.
+    x:
+        Standardized labeled states X (n, d).
+    y:
+        One standardized action dimension of them (n,).
+
+    Returns
+    -------
+    The posterior.
     """
-    signal, noise = float(kernel.signal), float(kernel.noise)
-    some, every = inducing.astype(np.float64), x.astype(np.float64)
+    signal = float(kernel.signal)
+    noise = float(kernel.noise)
+    some = inducing.astype(np.float64)
+    every = x.astype(np.float64)
     with reproducible(seed=0):
         prior, vectors = torch.linalg.eigh(torch.from_numpy(kernel(some, some)))
         p = vectors / (prior.clamp(min=0) + JITTER * signal).sqrt()
         g = torch.from_numpy(kernel(every, some)) @ p
         gain, v = torch.linalg.eigh(g.T @ g / noise)
         kept = signal * (gain / (1 + gain)).cumsum(0) > NEGLIGIBLE * noise
-        gain, v = gain[kept], v[:, kept]
+        gain = gain[kept]
+        v = v[:, kept]
         root = p @ (v * (gain / (1 + gain)).sqrt())
         pull = v.T @ (g.T @ torch.tensor(y, dtype=torch.float64)) / noise
         coefficients = pull / (gain * (1 + gain)).sqrt()

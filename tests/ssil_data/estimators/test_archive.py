@@ -74,12 +74,12 @@ def test_a_switch_must_be_true_or_false(wrong: object):
 
 @pytest.mark.parametrize("data", [b"", b"\0" * 8, b"not safetensors", b"\xff" * 100])
 def test_bytes_that_are_no_archive_are_refused(data: bytes):
-    with pytest.raises(DamagedError, match="expected safetensors"):
+    with pytest.raises(DamagedError, match="not the safetensors that were written"):
         load(data)
 
 
 def test_safetensors_of_another_program_are_refused():
-    with pytest.raises(DamagedError, match="expected safetensors as dumped"):
+    with pytest.raises(DamagedError, match="not the safetensors that were written"):
         load(save_tensors({"weight": np.ones(3, np.float32)}))
 
 
@@ -88,14 +88,14 @@ def test_safetensors_of_another_program_are_refused():
     ["", "[]", "1", '"a"', "{}", '{"settings": 1}', "[" * 100_000],
 )
 def test_a_malformed_description_is_refused(description: str):
-    with pytest.raises(DamagedError, match="expected safetensors as dumped"):
+    with pytest.raises(DamagedError, match="not the safetensors that were written"):
         load(save_tensors({}, metadata={"estimator": description}))
 
 
 @pytest.mark.parametrize("width", ["Infinity", "null", '"a"', "-1", "1e400", "{}"])
 def test_a_malformed_width_is_refused(width: str):
     description = f'{{"settings": {{"kind": "vae"}}, "state_width": {width}, "action_width": 1}}'
-    with pytest.raises(DamagedError, match="vae: expected arrays that fit"):
+    with pytest.raises(DamagedError, match="vae: its arrays do not fit together"):
         load(save_tensors({}, metadata={"estimator": description}))
 
 

@@ -25,7 +25,7 @@ def test_a_perceptron_answers_as_the_network_it_was_learned_by():
 def test_uncertainty_is_the_distance_to_the_rebuilt_state(fit: Fit, random: Pairs):
     fitted = fit(VAE())
     assert isinstance(fitted, FittedAutoencoder)
-    standard = (random.states - fitted.standardiser.shift) / fitted.standardiser.scale
+    standard = (random.states - fitted.standardizer.shift) / fitted.standardizer.scale
     mean = fitted.encoder(standard)[:, : fitted.settings.latent]
     distance = np.linalg.norm(standard - fitted.decoder(mean), axis=1)
     np.testing.assert_allclose(fitted.uncertainty(random).total, distance, rtol=1e-4)
@@ -76,5 +76,5 @@ def test_a_window_notices_a_jump_between_familiar_states(fit: Fit, other_expert:
 
 def test_too_much_beta_silences_every_latent_dimension(expert: Pairs):
     fitted = VAE(beta=100.0).fit(expert, seed=0)
-    rebuilt = fitted.decoder(fitted.encoder(fitted.standardiser(expert.states))[:, :8])
+    rebuilt = fitted.decoder(fitted.encoder(fitted.standardizer(expert.states))[:, :8])
     assert rebuilt.std(axis=0).max() < 0.05

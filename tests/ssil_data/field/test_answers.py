@@ -151,7 +151,7 @@ def test_a_field_uses_the_threads_that_it_is_given():
 def test_a_field_can_be_copied_after_it_was_asked(copied):
     whole = field()
     few = LeverageField(
-        whole.states[:50], whole.leverage[:50], whole.labeled[:50], whole.standardiser, 2.0
+        whole.states[:50], whole.leverage[:50], whole.labeled[:50], whole.standardizer, 2.0
     )
     before = few.lcor(queries()).values
     np.testing.assert_array_equal(copied(few).lcor(queries()).values, before)
@@ -170,7 +170,7 @@ def test_a_field_can_be_copied_after_it_was_asked(copied):
 def test_leverages_that_are_none_are_refused(leverage: np.ndarray, message: str):
     states = field().states[:2]
     with pytest.raises(InvalidInputError, match=re.escape(message)):
-        LeverageField(states, leverage, np.array([True, False]), field().standardiser, 1.0)
+        LeverageField(states, leverage, np.array([True, False]), field().standardizer, 1.0)
 
 
 def test_a_view_of_what_can_be_written_is_copied():

@@ -28,7 +28,7 @@ def kernel(distance: float, alpha: float) -> float:
 
 
 def lcor_by_double_loop(field: LeverageField, queries: np.ndarray) -> tuple[list, list]:
-    shift, scale = (getattr(field.standardiser, n).astype(np.float64) for n in ("shift", "scale"))
+    shift, scale = (getattr(field.standardizer, n).astype(np.float64) for n in ("shift", "scale"))
     states, asked = (field.states.astype(np.float64) - shift) / scale, (queries - shift) / scale
     values, sizes = [], []
     for query in asked:
@@ -57,7 +57,7 @@ def test_lcor_is_the_double_loop(alpha: float):
 def test_cor_in_closed_form_is_the_double_loop(alpha: float):
     field = made(2, 200, alpha=alpha)
     queries = made(3, 20).states
-    states, asked = field.standardiser(field.states), field.standardiser(queries)
+    states, asked = field.standardizer(field.states), field.standardizer(queries)
     expected = []
     for query in asked.astype(np.float64):
         weights = []
@@ -94,7 +94,7 @@ def test_lcor_of_constant_leverage_is_that_constant(seed: int, alpha: float, con
         made_field.states,
         np.full(50, constant, np.float32),
         made_field.labeled,
-        made_field.standardiser,
+        made_field.standardizer,
         alpha,
     )
     np.testing.assert_allclose(field.lcor(made(seed + 1, 5).states).values, constant, atol=1e-7)
@@ -105,7 +105,7 @@ def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: flo
     field, queries = made(4, 20_000, alpha=alpha), made(5, 130).states
     order = np.random.default_rng(6).permutation(20_000)
     shuffled = LeverageField(
-        field.states[order], field.leverage[order], field.labeled[order], field.standardiser, alpha
+        field.states[order], field.leverage[order], field.labeled[order], field.standardizer, alpha
     )
     answer = field.lcor(queries)
     np.testing.assert_allclose(shuffled.lcor(queries).values, answer.values, atol=1e-7)
@@ -120,7 +120,7 @@ def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: flo
 )
 def test_sums_over_shards_add_up_to_the_store(lcor_sums, absolute: float, relative: float):
     field, queries = made(7, 500), made(8, 9).states
-    states, asked = field.standardiser(field.states), field.standardiser(queries)
+    states, asked = field.standardizer(field.states), field.standardizer(queries)
     for alpha in ALPHAS:
         whole = lcor_sums(asked, states, field.leverage, alpha=alpha, contributors=3)
         left = lcor_sums(asked, states[:123], field.leverage[:123], alpha=alpha, contributors=3)
@@ -135,7 +135,7 @@ def test_sums_over_shards_add_up_to_the_store(lcor_sums, absolute: float, relati
 
 def test_contributors_are_the_nearest_states_and_their_share_of_the_weight():
     field, queries = made(9, 300, alpha=3.0), made(10, 7).states
-    states, asked = field.standardiser(field.states), field.standardiser(queries)
+    states, asked = field.standardizer(field.states), field.standardizer(queries)
     top = field.lcor(queries, contributors=5).contributors
     for query, rows, shares in zip(asked, top.row, top.share, strict=True):
         distance = np.abs(states - query).sum(axis=1)
@@ -151,7 +151,7 @@ def test_more_contributors_than_states_are_all_states():
 @pytest.mark.parametrize(("wanted", "columns"), [(12_000, 12_000), (30_000, 20_000)])
 def test_contributors_may_be_more_than_a_block_of_states(wanted: int, columns: int):
     field = made(11, 20_000)
-    states, query = field.standardiser(field.states), field.standardiser(made(12, 1).states)
+    states, query = field.standardizer(field.states), field.standardizer(made(12, 1).states)
     sums = lcor_sums(query, states, field.leverage, alpha=1.0, contributors=wanted)
     assert sums.nearest.shape == sums.nearest_weight.shape == (1, columns)
     assert len(set(sums.nearest[0].tolist())) == columns
@@ -248,7 +248,7 @@ def test_a_query_of_another_width_or_not_finite_is_refused():
 def test_cor_needs_both_sides():
     field = made(0, 5)
     everything = LeverageField(
-        field.states, field.leverage, np.ones(5, bool), field.standardiser, field.alpha
+        field.states, field.leverage, np.ones(5, bool), field.standardizer, field.alpha
     )
     with pytest.raises(InvalidInputError, match="found 5 labeled of 5"):
         everything.cor(field.states)
@@ -260,4 +260,4 @@ def test_one_leverage_per_state():
         InvalidInputError,
         match=r"leverage: expected one per state, found shape \(4,\) for 5 states",
     ):
-        LeverageField(field.states, field.leverage[:4], field.labeled, field.standardiser, 1.0)
+        LeverageField(field.states, field.leverage[:4], field.labeled, field.standardizer, 1.0)
