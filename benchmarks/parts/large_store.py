@@ -87,13 +87,13 @@ def measured(
         begin = time.process_time()
         truth = references.sums(asked, alpha=alpha, threads=1).values
         exact = time.process_time() - begin
-        source.of_size(asked[:1], alpha=alpha, size=SIZE)  # draws and packs the sample
+        source.estimate_of_size(asked[:1], alpha=alpha, size=SIZE)  # draws and packs the sample
         works: dict[str, Callable[[int], Estimate]] = {
-            f"{SIZE:,} states": lambda seed, a=alpha: source.of_size(
+            f"{SIZE:,} states": lambda seed, a=alpha: source.estimate_of_size(
                 asked, alpha=a, size=SIZE, seed=seed, threads=1
             ),
             **{
-                f"within {tolerance:g}": lambda seed, a=alpha, t=tolerance: source.within(
+                f"within {tolerance:g}": lambda seed, a=alpha, t=tolerance: source.estimate_within(
                     asked, alpha=a, tolerance=t, seed=seed, threads=1
                 )
                 for tolerance in TOLERANCES

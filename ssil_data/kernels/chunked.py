@@ -25,7 +25,7 @@ _AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Tensors:
-    """Centred states (n, d), n ≥ 1, and leverage (n,) on a device.
+    """Centered states (n, d), n ≥ 1, and leverage (n,) on a device.
 
     Distances are float32, sums float64.
     """
@@ -37,11 +37,11 @@ class Tensors:
     def of(
         cls,
         states: Rows,
-        centre: NDArray[np.float32],
+        center: NDArray[np.float32],
         leverage: NDArray[np.float32],
         device: str = "cpu",
     ) -> Tensors:
-        """Bring states (n, d), minus `centre` (d,), to a device; they are read in parts.
+        """Bring states (n, d), minus `center` (d,), to a device; they are read in parts.
 
         Raises InvalidInputError for a device that torch cannot use.
         """
@@ -54,11 +54,11 @@ class Tensors:
                 f"device: expected one that torch can use, found {device!r}: {reason}"
             ) from None
         for i in range(0, count, _AT_ONCE):
-            held[i : i + _AT_ONCE] = _tensor(states[i : i + _AT_ONCE] - centre)
+            held[i : i + _AT_ONCE] = _tensor(states[i : i + _AT_ONCE] - center)
         return cls(held, _tensor(leverage).to(device).double())
 
     def sums(self, queries: NDArray[np.float32], *, alpha: float, contributors: int = 0) -> Sums:
-        """Return the sums of equation 5 for centred queries (m, d).
+        """Return the sums of equation 5 for centered queries (m, d).
 
         With fewer states than contributors, all states contribute.
         """
@@ -126,7 +126,7 @@ def lcor_sums(
 ) -> Sums:
     """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1, brought for once.
 
-    States and queries are standardised already; leverage is (n,).
+    States and queries are standardized already; leverage is (n,).
     """
     held = Tensors.of(states, np.zeros(states.shape[1], np.float32), leverage)
     return held.sums(queries, alpha=alpha, contributors=contributors)

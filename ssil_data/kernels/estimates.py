@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 _QUANTILE = 3.2905
 """Of the normal distribution: 99.9 % lie within as many deviations."""
-_LEAST_SUPPORT, _MOST_INFLUENCE = 512.0, 0.1
+_MIN_SUPPORT, _MAX_INFLUENCE = 512.0, 0.1
 """Beyond them, half-widths were seen to be missed by more than 1 in 200 answers."""
 
 
@@ -38,22 +38,22 @@ class Estimate:
     @property
     def trusted(self) -> NDArray[np.bool_]:
         """Tell whether so many references decide that the normal approximation holds, (m,)."""
-        return (self.support >= _LEAST_SUPPORT) & (self.influence <= _MOST_INFLUENCE)
+        return (self.support >= _MIN_SUPPORT) & (self.influence <= _MAX_INFLUENCE)
 
-    def size_for(self, tolerance: float, size: int, count: int) -> NDArray[np.float64]:
+    def required_size(self, tolerance: float, size: int, count: int) -> NDArray[np.float64]:
         """Return how large a sample of `count` these answers need, (m,), if it is of `size` now."""
         room = np.maximum(tolerance - self.floor, 0) / _QUANTILE
         with np.errstate(divide="ignore", invalid="ignore"):
             # a deviation falls with 1 / size − 1 / count
             inverse = 1 / count + (room / self.deviation) ** 2 * (1 / size - 1 / count)
             exact_enough = np.where(self.half_width <= tolerance, size, 1 / inverse)
-            supported = size * _LEAST_SUPPORT / self.support
+            supported = size * _MIN_SUPPORT / self.support
         return np.where(
-            self.influence <= _MOST_INFLUENCE, np.maximum(exact_enough, supported), np.inf
+            self.influence <= _MAX_INFLUENCE, np.maximum(exact_enough, supported), np.inf
         )
 
     @classmethod
-    def blank(cls, count: int) -> Estimate:
+    def empty(cls, count: int) -> Estimate:
         """Return room for `count` answers."""
         return cls(*np.empty((len(fields(cls)), count)))
 

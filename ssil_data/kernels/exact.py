@@ -10,16 +10,16 @@ from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.passes import Pass
 from ssil_data.kernels.sums import Sums
 
-_SPAN = 24 * np.log(2)
+_MAX_LOG_WEIGHT = 24 * np.log(2)
 """How far the log of the largest weight may lie from 0 before float32 loses the smaller ones."""
-_NEARER = -3.0
+_MIN_LOG_T = -3.0
 """Log of t of the nearest reference below which 1 + u has lost too many bits of t."""
 
 
 def exact_sums(work: Pass, queries: NDArray[np.float32], *, contributors: int) -> Sums:
-    """Return the sums for centred queries (m, d), m ≥ 1.
+    """Return the sums for centered queries (m, d), m ≥ 1.
 
-    Weights are first taken relative to the kernel at a query's distance to the centre. Where that
+    Weights are first taken relative to the kernel at a query's distance to the center. Where that
     is out of the range of float32 (large α, far from the data) or too coarse (small α, close to a
     reference), they are taken again, relative to the nearest reference, which is known by then.
     """
@@ -28,10 +28,10 @@ def exact_sums(work: Pass, queries: NDArray[np.float32], *, contributors: int) -
     nearest = work.distance(queries, brackets.min(axis=1))
     log_scale = log_kernel(nearest, work.alpha)
     log_weight = log_scale - log_kernel(to_centre, work.alpha)
-    lost = np.abs(log_weight) > _SPAN
+    lost = np.abs(log_weight) > _MAX_LOG_WEIGHT
     if work.code.power.offset == 0:
         log_t = np.log1p(nearest / work.alpha) - np.log1p(to_centre / work.alpha)
-        lost |= log_t < _NEARER
+        lost |= log_t < _MIN_LOG_T
     if lost.any():
         sums[:, lost], _ = work(queries[lost], nearest[lost])
         log_weight[lost] = 0

@@ -22,17 +22,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
 
-LEAST_ALPHA, MOST_ALPHA = 1e-6, 1e8
+MIN_ALPHA, MAX_ALPHA = 1e-6, 1e8
 """Between them log k(d) is finite and exact for every distance; beyond, k no longer changes."""
 
 
 def check_alpha(alpha: float) -> float:
-    """Return an α of LEAST_ALPHA to MOST_ALPHA; raises InvalidInputError for anything else."""
+    """Return an α of MIN_ALPHA to MAX_ALPHA; raises InvalidInputError for anything else."""
     if not (np.isfinite(alpha) and alpha > 0):
         raise InvalidInputError(f"alpha: expected a finite number > 0, found {alpha}")
-    if not LEAST_ALPHA <= alpha <= MOST_ALPHA:
+    if not MIN_ALPHA <= alpha <= MAX_ALPHA:
         raise InvalidInputError(
-            f"alpha: expected a number from {LEAST_ALPHA:g} to {MOST_ALPHA:g}, found {alpha}"
+            f"alpha: expected a number from {MIN_ALPHA:g} to {MAX_ALPHA:g}, found {alpha}"
         )
     return float(alpha)
 
@@ -52,13 +52,13 @@ class Moments:
 
     @classmethod
     def of(cls, states: ArrayLike) -> Moments:
-        """Summarise states (n, d), n ≥ 1."""
+        """Summarize states (n, d), n ≥ 1."""
         values = np.asarray(states, np.float64)
         return cls(values.mean(axis=0), float(values.var(axis=0).sum()))
 
     @classmethod
     def of_parts(cls, parts: Iterable[ArrayLike]) -> Moments:
-        """Summarise states that come in parts (·, d), at least one, each of one row at least."""
+        """Summarize states that come in parts (·, d), at least one, each of one row at least."""
         counted = [(len(values := np.asarray(part)), cls.of(values)) for part in parts]
         weights = np.array([count for count, _ in counted], np.float64)
         weights /= weights.sum()

@@ -38,7 +38,7 @@ class Target:
     @cache
     def host(cls) -> Target | None:
         """Return this machine, None where no tile is known or no code may be written."""
-        if not _may_write_code():
+        if not _can_run_generated_code():
             return None
         features = llvm.get_host_cpu_features()
         processor, kind = llvm.get_host_cpu_name(), llvm.get_process_triple().split("-")[0]
@@ -89,7 +89,7 @@ class Code:
         self.function(*addresses, width, len(panels), len(queries), *blocks, exponent)
 
 
-def _may_write_code() -> bool:
+def _can_run_generated_code() -> bool:
     """Tell whether memory that was written may be run; LLVM dies where a system forbids it."""
     if os.name != "posix":
         return True

@@ -27,9 +27,9 @@ class Panels:
 
     @classmethod
     def of(
-        cls, states: Rows, centre: NDArray[np.float32], leverage: NDArray[np.float32], size: int
+        cls, states: Rows, center: NDArray[np.float32], leverage: NDArray[np.float32], size: int
     ) -> Panels:
-        """Pack states (n, d), n ≥ 1, minus `centre` (d,), with a leverage (n,) each, in parts."""
+        """Pack states (n, d), n ≥ 1, minus `center` (d,), with a leverage (n,) each, in parts."""
         count, width = states.shape
         panels = -(-count // size)
         values = _align((panels, width + 2, size))
@@ -39,7 +39,7 @@ class Panels:
             padded = np.zeros((len(part) * size, width + 2), np.float32)
             read = states[rows]
             known = padded[: len(read)]
-            known[:, :width] = read - centre
+            known[:, :width] = read - center
             known[:, width + 1] = leverage[rows]
             padded[len(known) :, 0] = _NOWHERE
             padded[:, width] = padded[:, :width].sum(axis=1, dtype=np.float64) / -2
@@ -67,7 +67,7 @@ class Panels:
         return self.values[:, self.width + 1].reshape(-1)[: self.count]
 
     def unpack(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the states (n, d), less their centre, and the leverage (n,) that were packed."""
+        """Return the states (n, d), less their center, and the leverage (n,) that were packed."""
         rows = self.values.transpose(0, 2, 1).reshape(-1, self.width + 2)[: self.count]
         return np.ascontiguousarray(rows[:, : self.width]), self.leverage
 

@@ -21,11 +21,11 @@ from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
 
-_CANCELLATION = 200.0
-"""Distance from the centre, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
-_TILES, _BRACKETS = 32, 1 << 23
+_MAX_RELATIVE_DISTANCE = 200.0
+"""Distance from the center, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
+_TILES_PER_PASS, _MAX_BRACKETS = 32, 1 << 23
 """Tiles of queries that pass the references together, and brackets that all threads may hold."""
-_INLINE = 1 << 22
+_MIN_PAIRS_FOR_THREADS = 1 << 22
 """Pairs below which threads are not worth their start."""
 
 
@@ -103,18 +103,20 @@ def run_parallel(
     alpha: float,
     threads: int | None,
 ) -> Answer:
-    """Cut centred queries (m, d), m ≥ 1, into parts, a thread for each; join the answers.
+    """Cut centered queries (m, d), m ≥ 1, into parts, a thread for each; join the answers.
 
     Where there are too few queries for that, threads share the references. `answer` gets the pass
     to make and the rows of a part. `threads` defaults to all processors that this process may use,
     where there is work for them.
     """
-    threads = threads or (_processors() if len(queries) * panels.count >= _INLINE else 1)
+    threads = threads or (
+        _count_processors() if len(queries) * panels.count >= _MIN_PAIRS_FOR_THREADS else 1
+    )
     if len(queries) == 1:
         target = target.for_one_query()
     brackets_per_tile = target.tile.queries * len(panels.values)
-    tiles = min(_TILES, max(1, _BRACKETS // (threads * brackets_per_tile)))
-    far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _CANCELLATION
+    tiles = min(_TILES_PER_PASS, max(1, _MAX_BRACKETS // (threads * brackets_per_tile)))
+    far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _MAX_RELATIVE_DISTANCE
     rows = {direct: np.flatnonzero(far == direct) for direct in (False, True)}
     cuts = {
         direct: _parts(asked, tiles * target.tile.queries, threads)
@@ -145,6 +147,6 @@ def _parts(rows: NDArray[np.int64], most: int, threads: int) -> list[NDArray[np.
     return np.array_split(rows, -(-count // threads) * threads if count > 1 else 1)
 
 
-def _processors() -> int:
+def _count_processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

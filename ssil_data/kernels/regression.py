@@ -25,10 +25,10 @@ from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.formulas import log_kernel
 from ssil_data.kernels.totals import DistanceSums
 
-_ROUNDING = 1e-6
+_ROUNDING_SHARE = 1e-6
 """Share of a sum of squares that float32 products and subtractions may invent."""
 _RIDGE = 1e-12
-_LEAST_SPREAD = 0.5
+_MIN_SPREAD = 0.5
 """Share of the leverages' variance that a sample must have for λ to explain anything."""
 
 
@@ -118,7 +118,7 @@ def estimate(
     of_kernel = np.stack([w[0], w[1], wu[0], wu[1]], axis=1)
     of_both = np.stack([w[1], w[2], wu[1], wu[2]], axis=1)
     # where the sample lacks the leverages that differ, λ would be told apart from 1 by rounding
-    balanced = moments.sample[2] >= _LEAST_SPREAD * population.variance * count > 0
+    balanced = moments.sample[2] >= _MIN_SPREAD * population.variance * count > 0
     used = np.arange(4) if balanced else np.array([0, 2])
     beta = np.zeros((len(ones), 4, 2))
     beta[:, used] = _solve(
@@ -139,7 +139,7 @@ def estimate(
     slopes = beta[:, :, 1] - ratio[:, None] * beta[:, :, 0]
     explained = np.einsum("mf,mf->m", slopes, of_both - ratio[:, None] * of_kernel)
     squares = np.maximum(squares, 0)
-    residual = np.maximum(squares - explained, _ROUNDING * squares) / (count - 4)
+    residual = np.maximum(squares - explained, _ROUNDING_SHARE * squares) / (count - 4)
     unseen = 1 - count / population.count
     deviation = population.count * np.sqrt(unseen * residual / count) / sum_kernel
     shift = np.abs(slopes[:, 2] - population.mean * slopes[:, 3]) * totals.plain_error

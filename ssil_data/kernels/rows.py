@@ -21,7 +21,7 @@ class Rows(Protocol):
         ...
 
 
-def center(states: Rows) -> NDArray[np.float32]:
+def find_center(states: Rows) -> NDArray[np.float32]:
     """Return about the mean (d,), so round that subtracting it loses no bits.
 
     It is a whole multiple of a power of two near the deviation; a sample tells both.

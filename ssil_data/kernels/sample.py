@@ -16,27 +16,27 @@ from ssil_data.kernels.products import Products
 from ssil_data.kernels.regression import SampleMoments
 from ssil_data.kernels.rows import Rows
 
-FIRST = 8192
+FIRST_PART = 8192
 """References in the first part of a sample; every other part doubles it."""
 
 
 class Sample:
     """The beginning of a random order of states (n, d) with their leverage (n,).
 
-    It is read when first needed, less `centre` and `mean`, and then held.
+    It is read when first needed, less `center` and `mean`, and then held.
     """
 
     def __init__(
         self,
         states: Rows,
         leverage: NDArray[np.float32],
-        centre: NDArray[np.float32],
+        center: NDArray[np.float32],
         mean: float,
         *,
         seed: int,
         target: Target | None,
     ) -> None:
-        self._states, self._leverage, self._centre, self._mean = states, leverage, centre, mean
+        self._states, self._leverage, self._center, self._mean = states, leverage, center, mean
         self._seed, self._target = seed, target
         self._size = (target or GENERIC).tile.references
         self._order: NDArray[np.integer] | None = None
@@ -44,13 +44,13 @@ class Sample:
         self._growing = Lock()
 
     @property
-    def largest(self) -> int:
+    def max_size(self) -> int:
         """A quarter of all, in whole panels: beyond it, exact sums are the shorter way."""
         return self._states.shape[0] // 4 // self._size * self._size
 
-    def whole(self, size: float) -> int:
+    def round_up(self, size: float) -> int:
         """Return the smallest number of references of at least `size` that a sample can have."""
-        return min(int(-(-size // self._size)) * self._size, self.largest)
+        return min(int(-(-size // self._size)) * self._size, self.max_size)
 
     def moments(
         self,
@@ -62,12 +62,12 @@ class Sample:
         alpha: float,
         threads: int | None,
     ) -> SampleMoments:
-        """Return the moments of references `begin` to `end` about centred queries (m, d).
+        """Return the moments of references `begin` to `end` about centered queries (m, d).
 
         Both are sizes that `whole` gave; weights are relative to the kernel at `distance` (m,).
         """
         found = []
-        for first, panels in self._upto(end):
+        for first, panels in self._grow_to(end):
             low, high = (min(max(place - first, 0), panels.count) for place in (begin, end))
             if low < high:
                 part = panels.part(low // self._size, high // self._size)
@@ -103,16 +103,16 @@ class Sample:
             threads=threads,
         )
 
-    def _upto(self, end: int) -> list[tuple[int, Panels]]:
+    def _grow_to(self, end: int) -> list[tuple[int, Panels]]:
         """Return the parts that hold the first `end` references, and where each begins."""
         with self._growing:
             if self._order is None:
                 order = np.random.default_rng(self._seed).permutation(self._states.shape[0])
-                self._order = order[: self.largest].astype(np.uint32)
+                self._order = order[: self.max_size].astype(np.uint32)
             starts = [0]
             while starts[-1] < end:
                 first = starts[-1]
-                size = min(max(FIRST, first), self.largest - first)
+                size = min(max(FIRST_PART, first), self.max_size - first)
                 if len(self._parts) < len(starts):
                     self._parts.append(self._pack(self._order[first : first + size]))
                 starts.append(first + size)
@@ -124,4 +124,4 @@ class Sample:
         states = np.empty((len(chosen), self._states.shape[1]), np.float32)
         states[forwards] = self._states[chosen[forwards].astype(np.int64)]
         leverage = self._leverage[chosen] - np.float32(self._mean)
-        return Panels.of(states, self._centre, leverage, self._size)
+        return Panels.of(states, self._center, leverage, self._size)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.native import Target
-from ssil_data.kernels.references import FLATTEST, HOST, References
+from ssil_data.kernels.references import HOST, MIN_COMPILED_ALPHA, References
 from ssil_data.kernels.regression import Population, SampleMoments, estimate
-from ssil_data.kernels.rows import Rows, center
-from ssil_data.kernels.sample import FIRST, Sample
+from ssil_data.kernels.rows import Rows, find_center
+from ssil_data.kernels.sample import FIRST_PART, Sample
 from ssil_data.kernels.totals import Totals
 
-SMALLEST = 8 * FIRST
+MIN_STATES_TO_SAMPLE = 8 * FIRST_PART
 """States below which exact sums are the shorter way."""
 _GROWTH = 2**0.5
 """Samples grow on one ladder, so that an answer depends on its own query alone."""
@@ -42,20 +42,20 @@ class Sampled:
         target: Target | None = HOST,
     ) -> None:
         self._states, self._leverage, self._exact = states, leverage, exact
-        self._centre, self._population = center(states), Population.of(leverage)
+        self._center, self._population = find_center(states), Population.of(leverage)
         self._target, self._lock = target, Lock()
-        self._samples = lru_cache(maxsize=1)(self._draw)
+        self._samples = lru_cache(maxsize=1)(self._draw_sample)
 
     @cached_property
     def _totals(self) -> Totals:
-        return Totals(self._states, self._leverage, self._centre)
+        return Totals(self._states, self._leverage, self._center)
 
     def prepare(self) -> Totals:
         """Read what is to be known of all states, if that is not done yet."""
         with self._lock:
             return self._totals
 
-    def within(
+    def estimate_within(
         self,
         queries: NDArray[np.float32],
         *,
@@ -69,25 +69,25 @@ class Sampled:
         The sample grows until it is large enough for a query. Queries that would take more than a
         quarter of the states are answered exactly, and so are all where that is the shorter way.
         """
-        if self._is_short(queries, alpha):
-            return self._exactly(queries, alpha, threads)
+        if self._exact_is_faster(queries, alpha):
+            return self._answer_exactly(queries, alpha, threads)
         asked = self._estimate_queries(queries, alpha, seed, threads)
-        found, left = Estimate.blank(len(queries)), np.arange(len(queries))
-        exactly, size = [], asked.sample.whole(FIRST)
+        found, left = Estimate.empty(len(queries)), np.arange(len(queries))
+        exactly, size = [], asked.sample.round_up(FIRST_PART)
         while len(left):
-            answer = asked.upto(size, left)
-            need = answer.size_for(tolerance, size, self._population.count)
-            done, hopeless = need <= size, ~(need <= asked.sample.largest)
+            answer = asked.estimate_with(size, left)
+            need = answer.required_size(tolerance, size, self._population.count)
+            done, hopeless = need <= size, ~(need <= asked.sample.max_size)
             found.write(left[done], answer.take(done))
             exactly.append(left[hopeless & ~done])
             left = left[~done & ~hopeless]
-            size = asked.sample.whole(size * _GROWTH)
+            size = asked.sample.round_up(size * _GROWTH)
         rows = np.concatenate(exactly)
         if len(rows):
-            found.write(rows, self._exactly(queries[rows], alpha, threads))
+            found.write(rows, self._answer_exactly(queries[rows], alpha, threads))
         return found
 
-    def in_time(
+    def estimate_in_time(
         self,
         queries: NDArray[np.float32],
         *,
@@ -98,26 +98,26 @@ class Sampled:
     ) -> Estimate:
         """Answer queries (m, d) from as large a sample as `seconds` allow, exactly if they do.
 
-        Every sample has `FIRST` states at least; what is to be known of all states is not in the
+        Every sample has `FIRST_PART` states at least; what is to be known of all states is not in the
         time. An answer that too few of a sample decide has the widest half-width there is: to the
         farther end of the leverage.
         """
         left = np.arange(len(queries))
-        if self._is_short(queries, alpha):
-            return self._exactly(queries, alpha, threads)
+        if self._exact_is_faster(queries, alpha):
+            return self._answer_exactly(queries, alpha, threads)
         asked = self._estimate_queries(queries, alpha, seed, threads)
         begin = time.perf_counter()
-        size = asked.sample.whole(FIRST)
-        answer = asked.upto(size, left)
-        while size < asked.sample.largest:
+        size = asked.sample.round_up(FIRST_PART)
+        answer = asked.estimate_with(size, left)
+        while size < asked.sample.max_size:
             spent = time.perf_counter() - begin
             affordable = size * seconds / spent
             if affordable > self._population.count:
-                return self._exactly(queries, alpha, threads)
-            larger = asked.sample.whole(min(2 * size, affordable))
+                return self._answer_exactly(queries, alpha, threads)
+            larger = asked.sample.round_up(min(2 * size, affordable))
             if larger <= size:
                 break
-            size, answer = larger, asked.upto(larger, left)
+            size, answer = larger, asked.estimate_with(larger, left)
         widest = self._population.farthest(answer.values)
         return replace(
             answer,
@@ -125,7 +125,7 @@ class Sampled:
             floor=np.where(answer.trusted, answer.floor, widest),
         )
 
-    def of_size(
+    def estimate_of_size(
         self,
         queries: NDArray[np.float32],
         *,
@@ -136,43 +136,49 @@ class Sampled:
     ) -> Estimate:
         """Answer queries (m, d) from a sample of about `size` states, whatever that gives."""
         asked = self._estimate_queries(queries, alpha, seed, threads)
-        return asked.upto(asked.sample.whole(size), np.arange(len(queries)))
+        return asked.estimate_with(asked.sample.round_up(size), np.arange(len(queries)))
 
     def deviation(self, queries: NDArray[np.float32], *, alpha: float) -> float:
         """Return the standard deviation of LCoR over queries (m, d), noise of samples taken off."""
-        if self._is_short(queries, alpha):
-            return float(self._exactly(queries, alpha, None).values.std())
-        found = self.of_size(queries, alpha=alpha, size=4 * FIRST)
+        if self._exact_is_faster(queries, alpha):
+            return float(self._answer_exactly(queries, alpha, None).values.std())
+        found = self.estimate_of_size(queries, alpha=alpha, size=4 * FIRST_PART)
         if not found.trusted.all():
-            return float(self._exactly(queries, alpha, None).values.std())
+            return float(self._answer_exactly(queries, alpha, None).values.std())
         variance = found.values.var() - np.square(found.deviation).mean()
         return float(np.sqrt(max(variance, 0.0)))
 
-    def _is_short(self, queries: NDArray[np.float32], alpha: float) -> bool:
-        return not len(queries) or self._population.count < SMALLEST or alpha < FLATTEST
+    def _exact_is_faster(self, queries: NDArray[np.float32], alpha: float) -> bool:
+        return (
+            not len(queries)
+            or self._population.count < MIN_STATES_TO_SAMPLE
+            or alpha < MIN_COMPILED_ALPHA
+        )
 
-    def _draw(self, seed: int) -> Sample:
+    def _draw_sample(self, seed: int) -> Sample:
         mean = self._population.mean
         return Sample(
-            self._states, self._leverage, self._centre, mean, seed=seed, target=self._target
+            self._states, self._leverage, self._center, mean, seed=seed, target=self._target
         )
 
     def _estimate_queries(
         self, queries: NDArray[np.float32], alpha: float, seed: int, threads: int | None
-    ) -> _Asked:
+    ) -> _QueryEstimates:
         totals = self.prepare()
         with self._lock:
             sample = self._samples(seed)
-        centred = np.ascontiguousarray(queries - self._centre)
-        return _Asked(sample, totals, self._population, centred, alpha, threads)
+        centered = np.ascontiguousarray(queries - self._center)
+        return _QueryEstimates(sample, totals, self._population, centered, alpha, threads)
 
-    def _exactly(self, queries: NDArray[np.float32], alpha: float, threads: int | None) -> Estimate:
+    def _answer_exactly(
+        self, queries: NDArray[np.float32], alpha: float, threads: int | None
+    ) -> Estimate:
         sums = self._exact().sums(queries, alpha=alpha, threads=threads)
         size, none = sums.effective_sample_size, np.zeros(len(queries))
         return Estimate(sums.values, none, none, size, size, none)
 
 
-class _Asked:
+class _QueryEstimates:
     """Queries and what a growing sample has told of them so far."""
 
     def __init__(
@@ -190,7 +196,7 @@ class _Asked:
         self._distance = self._totals.plain / population.count
         self._seen, self._size = SampleMoments.zero(len(queries)), 0
 
-    def upto(self, size: int, rows: NDArray[np.int64]) -> Estimate:
+    def estimate_with(self, size: int, rows: NDArray[np.int64]) -> Estimate:
         """Let the sample grow to `size` for the queries `rows`, and answer them."""
         grown = self.sample.moments(
             self._queries[rows],

@@ -36,7 +36,7 @@ class Sums:
         return self.denominator**2 / self.squares
 
     @classmethod
-    def none(cls, contributors: int) -> Sums:
+    def empty(cls, contributors: int) -> Sums:
         """Return the sums of no queries."""
         nearest = np.empty((0, contributors))
         return cls(*np.empty((4, 0)), nearest=nearest.astype(np.int64), nearest_weight=nearest)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ssil_data.kernels.rows import Rows
 
 _BITS = 9
-"""A bin's width is 2^−9 of its distance from the centre plus one."""
+"""A bin's width is 2^−9 of its distance from the center plus one."""
 _AT_ONCE, _QUERIES = 1 << 18, 1024
 
 
@@ -38,17 +38,17 @@ class DistanceSums:
 
 
 class Totals:
-    """Tables (4, d, bins) of Σ 1, Σ x, Σ l, Σ l x below each bin of centred references."""
+    """Tables (4, d, bins) of Σ 1, Σ x, Σ l, Σ l x below each bin of centered references."""
 
-    def __init__(self, states: Rows, leverage: NDArray[np.float32], centre: NDArray) -> None:
+    def __init__(self, states: Rows, leverage: NDArray[np.float32], center: NDArray) -> None:
         """Read states (n, d) twice, in parts; leverage (n,) ≥ 0."""
         count, width = states.shape
         parts = [slice(i, i + _AT_ONCE) for i in range(0, count, _AT_ONCE)]
-        reach = max(np.abs(states[part] - centre).max() for part in parts)
+        reach = max(np.abs(states[part] - center).max() for part in parts)
         self._bins = _magnitude(np.array([reach]))[0] + 1
         table = np.zeros((4, width, 2 * self._bins))
         for part in parts:
-            rows, weights = states[part] - centre, leverage[part].astype(np.float64)
+            rows, weights = states[part] - center, leverage[part].astype(np.float64)
             for i, column in enumerate(np.ascontiguousarray(rows.T)):
                 bins = self._bin(column)
                 values = column.astype(np.float64)
@@ -57,7 +57,7 @@ class Totals:
         self._below = np.concatenate([np.zeros((4, width, 1)), table.cumsum(axis=2)], axis=2)
 
     def __call__(self, queries: NDArray[np.float32]) -> DistanceSums:
-        """Return the sums for centred queries (m, d)."""
+        """Return the sums for centered queries (m, d)."""
         parts = [
             self._of(part) for part in np.split(queries, range(_QUERIES, len(queries), _QUERIES))
         ]
@@ -88,7 +88,7 @@ class Totals:
         return DistanceSums(found[0], found[2], found[1], found[3])
 
     def _bin(self, values: NDArray[np.float32]) -> NDArray[np.intp]:
-        """Number the bins from the farthest below the centre to the farthest above."""
+        """Number the bins from the farthest below the center to the farthest above."""
         magnitude = _magnitude(values)
         return np.where(values < 0, self._bins - 1 - magnitude, self._bins + magnitude)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ssil_data.field import LeverageField
 from ssil_data.field.answers import Contributors, LCoR
-from ssil_data.kernels.references import FLATTEST, HOST
+from ssil_data.kernels.references import HOST, MIN_COMPILED_ALPHA
 
 
 @dataclass(eq=False)
@@ -43,7 +43,7 @@ class Batching:
 
         What the engine raises, it raises for all that are asked together.
         """
-        if HOST is None or asked.alpha < FLATTEST:
+        if HOST is None or asked.alpha < MIN_COMPILED_ALPHA:
             return asked.lcor(states)
         loop = asyncio.get_running_loop()
         batch = self._open.get(id(asked))

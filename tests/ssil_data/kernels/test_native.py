@@ -13,8 +13,7 @@ from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compile_code
 from ssil_data.kernels.power import General, Power
 from ssil_data.kernels.products import Products
 from ssil_data.kernels.tile import emit
-
-from .conftest import made
+from support.kernel_references import draw_references
 
 REGISTERS = {"zmm": (AVX512, "x86_64", "x86-64-v4", "-prefer-256-bit", "vfmadd"),
              "ymm": (AVX2, "x86_64", "x86-64-v3", "", "vfmadd"),
@@ -64,7 +63,7 @@ def test_the_host_decides_the_tile(monkeypatch: pytest.MonkeyPatch, kind, featur
 def test_an_unknown_host_has_no_target_and_still_answers(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(llvm, "get_process_triple", lambda: "riscv64-unknown-linux-gnu")
     assert Target.host.__wrapped__(Target) is None
-    states, leverage = made(0, 50, 3)
+    states, leverage = draw_references(0, 50, 3)
     sums = References(states, leverage, target=None).sums(states, alpha=1.0)
     assert np.isfinite(sums.values).all()
 
@@ -97,7 +96,7 @@ def test_where_code_may_not_be_written_plain_torch_answers():
 def test_torch_answers_on_the_device_that_is_asked_for(device: str, alpha: float):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    (states, leverage), (queries, _) = made(0, 20_000, 9), made(1, 130, 9)
+    (states, leverage), (queries, _) = draw_references(0, 20_000, 9), draw_references(1, 130, 9)
     plain = References(states, leverage, target=None, device=device)
     found = plain.sums(queries, alpha=alpha, contributors=3)
     known = References(states, leverage).sums(queries, alpha=alpha, contributors=3)

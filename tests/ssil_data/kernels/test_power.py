@@ -23,19 +23,19 @@ def weights(target: Target, alpha: float, distances: np.ndarray, *, direct: bool
 
 @pytest.mark.parametrize("alpha", [1.0, 2.0, 3.0, 5.0, 7.5, 11.0, 15.0, 17.0, 99.0, 199.0, 201.0])
 @pytest.mark.parametrize("direct", [False, True])
-def test_a_weight_is_the_kernel(compiling: Target, alpha: float, direct: bool):
+def test_a_weight_is_the_kernel(compiled_target: Target, alpha: float, direct: bool):
     least = np.expm1(40 * np.log(2) / ((alpha + 1) / 2)) * alpha
     distances = np.concatenate([np.linspace(0, min(least, 1e6), 999), np.zeros(1)])
-    found = weights(compiling, alpha, distances, direct=direct)
+    found = weights(compiled_target, alpha, distances, direct=direct)
     known = np.exp(log_kernel(distances.astype(np.float32), alpha))
     np.testing.assert_allclose(found, known, rtol=1e-5)
 
 
 @pytest.mark.parametrize("alpha", [5.0, 7.5, 11.0, 17.0, 99.0, 198.0, 199.0])
-def test_weights_whose_square_would_underflow_are_nothing(compiling: Target, alpha: float):
+def test_weights_whose_square_would_underflow_are_nothing(compiled_target: Target, alpha: float):
     logs = np.array([61, 63, 70, 130, 140]) * np.log(2) / ((alpha + 1) / 2)
     distances = np.append(np.expm1(logs) * alpha, 1e29)
-    found = weights(compiling, alpha, distances, direct=True)
+    found = weights(compiled_target, alpha, distances, direct=True)
     assert found[0] == pytest.approx(2.0**-61, rel=1e-4)
     assert (found[1:] == 0).all()
 

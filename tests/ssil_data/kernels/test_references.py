@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from ssil_data.kernels import References, Sums
 from ssil_data.kernels.native import Target
-
-from .conftest import ALPHAS, made, slow_lcor
+from support.kernel_references import ALPHAS, draw_references, slow_lcor
 
 ALPHAS_OF_ALL_POWERS = (0.3, 1.0, 2.0, 3.0, 7.5, 11.0, 99.0, 198.0, 199.0, 1e4)
 
@@ -26,7 +25,7 @@ def assert_same(sums: Sums, other: Sums) -> None:
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_every_path_is_the_slow_sum(target: Target | None, alpha: float):
-    (states, leverage), (queries, _) = made(0, 700, 29), made(1, 40, 29)
+    (states, leverage), (queries, _) = draw_references(0, 700, 29), draw_references(1, 40, 29)
     queries[:3], queries[3:6] = states[:3], queries[3:6] * 40
     sums = References(states, leverage, target=target).sums(queries, alpha=alpha)
     values, sizes = slow_lcor(queries, states, leverage, alpha)
@@ -42,7 +41,7 @@ def test_every_path_is_the_slow_sum(target: Target | None, alpha: float):
 def test_queries_on_a_reference_are_the_slow_sum_at_flat_kernels(
     target: Target | None, alpha: float
 ):
-    states, leverage = made(15, 400, 64)
+    states, leverage = draw_references(15, 400, 64)
     states[0, 5] = 1e4
     queries = states[:20] + np.float32(1e-4)
     sums = References(states, leverage, target=target).sums(queries, alpha=alpha)
@@ -61,7 +60,10 @@ def test_every_whole_power_weighs_two_states_as_float64_does(power: int):
 
 @pytest.mark.parametrize("width", range(1, 65))
 def test_every_width_is_the_slow_sum(width: int):
-    (states, leverage), (queries, _) = made(width, 150, width), made(width + 1, 7, width)
+    (states, leverage), (queries, _) = (
+        draw_references(width, 150, width),
+        draw_references(width + 1, 7, width),
+    )
     for alpha in (1.0, 20.0):
         sums = References(states, leverage).sums(queries, alpha=alpha)
         values, _ = slow_lcor(queries, states, leverage, alpha)
@@ -71,7 +73,10 @@ def test_every_width_is_the_slow_sum(width: int):
 @pytest.mark.parametrize("count", [1, 2, 63, 64, 65, 127, 129, 1023, 1024, 1025, 2049])
 @pytest.mark.parametrize("asked", [1, 2, 5, 6, 7, 95, 96, 97])
 def test_every_tail_of_the_tiles_is_the_slow_sum(count: int, asked: int):
-    (states, leverage), (queries, _) = made(count, count, 3), made(asked, asked, 3)
+    (states, leverage), (queries, _) = (
+        draw_references(count, count, 3),
+        draw_references(asked, asked, 3),
+    )
     sums = References(states, leverage).sums(queries, alpha=1.0, contributors=2)
     values, sizes = slow_lcor(queries, states, leverage, 1.0)
     np.testing.assert_allclose(sums.values, values, atol=1e-6, rtol=0)
@@ -81,7 +86,7 @@ def test_every_tail_of_the_tiles_is_the_slow_sum(count: int, asked: int):
 
 
 def test_no_queries_have_no_sums(target: Target | None):
-    states, leverage = made(0, 10, 4)
+    states, leverage = draw_references(0, 10, 4)
     sums = References(states, leverage, target=target).sums(states[:0], alpha=1.0, contributors=3)
     assert sums.values.shape == (0,)
     assert sums.nearest.shape == (0, 3)
@@ -92,7 +97,7 @@ def test_no_queries_have_no_sums(target: Target | None):
 def test_far_queries_never_become_nothing_over_nothing(
     target: Target | None, alpha: float, far: float
 ):
-    (states, leverage), (queries, _) = made(2, 300, 29), made(3, 10, 29)
+    (states, leverage), (queries, _) = draw_references(2, 300, 29), draw_references(3, 10, 29)
     states[:10] += np.float32(far)
     for asked in (queries + np.float32(far), queries * np.float32(far), -np.abs(queries) * far):
         asked = asked.astype(np.float32)
@@ -105,7 +110,7 @@ def test_far_queries_never_become_nothing_over_nothing(
 
 @pytest.mark.parametrize("alpha", [1.0, 3.0, 11.0, 99.0, 100.0, 1e4])
 def test_neighbours_far_from_the_centre_are_told_apart(target: Target | None, alpha: float):
-    (states, leverage), (queries, _) = made(4, 500, 29), made(5, 12, 29)
+    (states, leverage), (queries, _) = draw_references(4, 500, 29), draw_references(5, 12, 29)
     states[:50] += 1024
     sums = References(states, leverage, target=target).sums(queries + 1024, alpha=alpha)
     values, sizes = slow_lcor(queries + np.float32(1024), states, leverage, alpha)
@@ -116,7 +121,7 @@ def test_neighbours_far_from_the_centre_are_told_apart(target: Target | None, al
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 200), st.sampled_from(ALPHAS), st.floats(0, 1))
 def test_constant_leverage_returns_itself(seed: int, count: int, alpha: float, constant: float):
-    (states, _), (queries, _) = made(seed, count, 6), made(seed + 1, 5, 6)
+    (states, _), (queries, _) = draw_references(seed, count, 6), draw_references(seed + 1, 5, 6)
     leverage = np.full(count, constant, np.float32)
     values = References(states, leverage).sums(queries, alpha=alpha).values
     np.testing.assert_allclose(values, leverage[0], atol=1e-7, rtol=0)
@@ -124,7 +129,7 @@ def test_constant_leverage_returns_itself(seed: int, count: int, alpha: float, c
 
 @pytest.mark.parametrize("alpha", [1.0, 50.0, 1e4])
 def test_threads_permutation_and_shards_do_not_matter(alpha: float):
-    (states, leverage), (queries, _) = made(6, 12_000, 9), made(7, 200, 9)
+    (states, leverage), (queries, _) = draw_references(6, 12_000, 9), draw_references(7, 200, 9)
     queries[::7] *= 30
     whole = References(states, leverage).sums(queries, alpha=alpha, threads=1)
     for threads in (2, 3, 8):
@@ -148,7 +153,7 @@ def near_and_far(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Later states lie farther out, so that blocks differ in weight, and their sums round.
     """
-    (states, leverage), (queries, _) = made(16, count, 29), made(17, 230, 29)
+    (states, leverage), (queries, _) = draw_references(16, count, 29), draw_references(17, 230, 29)
     states *= np.linspace(0.2, 3, count, dtype=np.float32)[:, None]
     queries[::7] *= 40
     queries[5:7] *= np.float32(1e5)
@@ -159,10 +164,10 @@ def near_and_far(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("alpha", ALPHAS_OF_ALL_POWERS)
 @pytest.mark.parametrize("count", [50, 2500])
 def test_no_bit_of_an_answer_depends_on_the_batch_or_the_threads(
-    compiling: Target, count: int, alpha: float
+    compiled_target: Target, count: int, alpha: float
 ):
     states, leverage, queries = near_and_far(count)
-    references = References(states, leverage, target=compiling)
+    references = References(states, leverage, target=compiled_target)
 
     def ask(rows: np.ndarray | slice, threads: int | None = None) -> Sums:
         return references.sums(queries[rows], alpha=alpha, contributors=3, threads=threads)
@@ -195,7 +200,7 @@ def test_any_cut_of_a_batch_gives_the_same_bits(seed: int, alpha: float, threads
 
 @pytest.mark.parametrize("contributors", [1, 10, 65])
 def test_contributors_are_the_nearest(target: Target | None, contributors: int):
-    (states, leverage), (queries, _) = made(9, 12_000, 4), made(10, 90, 4)
+    (states, leverage), (queries, _) = draw_references(9, 12_000, 4), draw_references(10, 90, 4)
     references = References(states, leverage, target=target)
     for threads in (1, 5):
         sums = references.sums(queries, alpha=3.0, contributors=contributors, threads=threads)
@@ -208,7 +213,7 @@ def test_contributors_are_the_nearest(target: Target | None, contributors: int):
 
 
 def test_one_object_answers_many_threads_at_once():
-    (states, leverage), (queries, _) = made(11, 20_000, 12), made(12, 150, 12)
+    (states, leverage), (queries, _) = draw_references(11, 20_000, 12), draw_references(12, 150, 12)
     references = References(states, leverage)
     expected = [references.sums(queries, alpha=alpha).values for alpha in ALPHAS]
     with ThreadPoolExecutor(8) as pool:
@@ -220,7 +225,7 @@ def test_one_object_answers_many_threads_at_once():
 
 
 def test_reading_changes_neither_queries_nor_states(target: Target | None):
-    (states, leverage), (queries, _) = made(13, 100, 4), made(14, 9, 4)
+    (states, leverage), (queries, _) = draw_references(13, 100, 4), draw_references(14, 9, 4)
     copies = states.copy(), leverage.copy(), queries.copy()
     References(states, leverage, target=target).sums(queries, alpha=5.0, contributors=3)
     for array, copy in zip((states, leverage, queries), copies, strict=True):

@@ -9,8 +9,7 @@ from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.formulas import log_kernel
 from ssil_data.kernels.regression import Population, SampleMoments, estimate
 from ssil_data.kernels.totals import DistanceSums
-
-from .conftest import made
+from support.kernel_references import draw_references
 
 ALPHA, COUNT, SIZE = 2.0, 8_000, 2_000
 NONE = np.zeros(3)
@@ -18,11 +17,11 @@ NONE = np.zeros(3)
 
 def world() -> tuple[np.ndarray, np.ndarray, SampleMoments, DistanceSums, Population]:
     """Return all distances (3, N), leverages, and what the estimate is given of them."""
-    (states, leverage), (queries, _) = made(0, COUNT, 5), made(1, 3, 5)
+    (states, leverage), (queries, _) = draw_references(0, COUNT, 5), draw_references(1, 3, 5)
     distance = np.abs(states.astype(float)[None] - queries.astype(float)[:, None]).sum(axis=2)
     population = Population.of(leverage)
-    centre = distance.mean(axis=1, keepdims=True)
-    u = ((distance - centre) / (ALPHA + centre))[:, :SIZE]
+    center = distance.mean(axis=1, keepdims=True)
+    u = ((distance - center) / (ALPHA + center))[:, :SIZE]
     w = (1 + u) ** (-(ALPHA + 1) / 2)
     powers = (leverage.astype(float) - population.mean)[:SIZE, None] ** np.arange(3)
     products = np.stack([x @ powers for x in (u, u * u, w, w * u, w * w)])
@@ -94,16 +93,16 @@ def made_estimate(**changes: float) -> Estimate:
 )
 def test_answers_that_few_references_decide_are_not_trusted(changes: dict, trusted: bool):
     assert made_estimate(**changes).trusted.tolist() == [trusted]
-    need = made_estimate(**changes).size_for(1.0, 8192, 10**7)
+    need = made_estimate(**changes).required_size(1.0, 8192, 10**7)
     assert (need <= 8192).tolist() == [trusted]
 
 
 def test_the_size_that_is_needed_reaches_the_tolerance():
     now = made_estimate()
-    (need,) = now.size_for(1e-3, 8192, 10**7)
+    (need,) = now.required_size(1e-3, 8192, 10**7)
     shrunk = 1e-3 * np.sqrt((1 / need - 1e-7) / (1 / 8192 - 1e-7))
     assert 3.2905 * shrunk + 1e-4 == pytest.approx(1e-3)
-    assert now.size_for(1e-2, 8192, 10**7) <= 8192
-    assert made_estimate(floor=0.01).size_for(1e-3, 8192, 10**7) >= 10**7
-    (supported,) = made_estimate(support=128.0).size_for(1.0, 8192, 10**7)
+    assert now.required_size(1e-2, 8192, 10**7) <= 8192
+    assert made_estimate(floor=0.01).required_size(1e-3, 8192, 10**7) >= 10**7
+    (supported,) = made_estimate(support=128.0).required_size(1.0, 8192, 10**7)
     assert supported == pytest.approx(4 * 8192)

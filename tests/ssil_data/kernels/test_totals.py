@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssil_data.kernels.totals import Totals
-
-from .conftest import made
+from support.kernel_references import draw_references
 
 NOWHERE = np.zeros(4, np.float32)
 
@@ -33,7 +32,10 @@ def assert_within(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray)
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 400), st.sampled_from([1e-3, 1.0, 1e4]))
 def test_the_sum_of_distances_lies_within_its_bound(seed: int, count: int, scale: float):
-    (states, leverage), (queries, _) = made(seed, count, 4), made(seed + 1, 20, 4)
+    (states, leverage), (queries, _) = (
+        draw_references(seed, count, 4),
+        draw_references(seed + 1, 20, 4),
+    )
     queries[:5], queries[5:8] = states[np.arange(5) % count], queries[5:8] * 100
     states[: count // 2, 1] = states[0, 1]
     assert_within(queries * np.float32(scale), states * np.float32(scale), leverage)
@@ -49,7 +51,7 @@ def test_states_and_queries_on_an_edge_are_counted_once(place: float):
 
 
 def test_bounds_are_a_small_part_of_the_sums():
-    (states, leverage), (queries, _) = made(3, 5000, 4), made(4, 100, 4)
+    (states, leverage), (queries, _) = draw_references(3, 5000, 4), draw_references(4, 100, 4)
     found = Totals(states, leverage, NOWHERE)(queries)
     assert (found.plain_error < 1e-5 * found.plain).all()
     assert (found.weighted_error < 1e-5 * found.weighted).all()

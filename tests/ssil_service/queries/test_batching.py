@@ -123,7 +123,7 @@ def test_a_fault_reaches_all_of_its_batch_and_nobody_else(field: Any, questions:
 def test_where_bits_depend_on_the_batch_each_is_asked_alone(
     field: Any, questions: list[np.ndarray]
 ):
-    flat = Asked(field.at(references.FLATTEST / 2))
+    flat = Asked(field.at(references.MIN_COMPILED_ALPHA / 2))
     for found, states in zip(answers(questions, flat), questions, strict=True):
         assert_same_bits(found, field.at(flat.alpha).lcor(states))
     assert flat.rows == [len(states) for states in questions]
