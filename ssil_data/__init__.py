@@ -1,17 +1,21 @@
-"""Which demonstrations can be trusted: leverage, LCoR and the store they live in.
+"""Which demonstrations can be trusted: leverage, LCoR, and the store that holds them.
 
     import ssil_data as sd
 
     racetrack = sd.Store("datasets")["racetrack"]
     run = sd.score(racetrack, sd.WindowVAE(), seed=0)
-    field = racetrack.field(run.run)
+    field = racetrack.field(run.name)
     field.lcor(states).values
 
 Names are imported when they are first used, so that `import ssil_data` costs nothing.
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+__version__: str
+"""Version of the installed package; pyproject.toml is its one place."""
 
 if TYPE_CHECKING:
     from ssil_data.client import ServiceError, connect
@@ -24,15 +28,14 @@ if TYPE_CHECKING:
         SsilDataError,
     )
     from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
-    from ssil_data.field import LeverageField
-    from ssil_data.field.answers import Accuracy, LCoR
+    from ssil_data.field import Accuracy, LCoR, LeverageField
     from ssil_data.quality import Quality, quality
     from ssil_data.report import write_report
     from ssil_data.scales import Conformal, MinMax, Quantile
     from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
     from ssil_data.store import Store
     from ssil_data.store.dataset import Dataset
-    from ssil_data.store.runs import Run
+    from ssil_data.store.run_record import Run
 
 _HOME = {
     "Accuracy": "field",
@@ -102,6 +105,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("ssil-data")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -14,11 +14,11 @@ from ssil_data.client.connection import Connection
 from ssil_data.client.wire import ARROW, decode, encode, matrix_of_rows, pairs_table, states_table
 from ssil_data.demonstrations import Pairs, finite_matrix
 from ssil_data.errors import InvalidInputError
-from ssil_data.field.answers import Accuracy, Contributors, LCoR
+from ssil_data.field import Contributors, LCoR, LCoROptions, LCoRQuery
 from ssil_data.kernels import Sums
 from ssil_data.scoring import Scored
 from ssil_data.store.arrow_schema import PARTS
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 
 _HEADERS = {"Content-Type": ARROW, "Accept": ARROW}
 _ANSWERS = [field.name for field in fields(LCoR) if field.name != "contributors"]

@@ -1,4 +1,4 @@
-"""The command `ssil-data lcor`: how good is the neighbourhood of states?"""
+"""The command `ssil-data lcor`: the leverage of demonstrations near given states."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from cyclopts import Parameter
 
 from ssil_data.commands.output import (
     AsJson,
-    Place,
-    StorePlace,
+    StoreLocation,
+    StoreOption,
     console,
     print_json,
     print_table,
 )
 from ssil_data.errors import InvalidInputError
-from ssil_data.field.answers import Accuracy, LCoR
+from ssil_data.field import LCoR, LCoRQuery
 from ssil_data.interop import read_states
 from ssil_data.kernels import check_alpha
 from ssil_data.store.dataset import Dataset
@@ -32,43 +32,44 @@ def lcor(
     states: Path | None = None,
     episode: int | None = None,
     alpha: str | None = None,
-    contributors: int = 0,
-    accuracy: Annotated[Accuracy, Parameter(name="*")] = Accuracy(),  # noqa: B008
-    place: StorePlace = Place(),  # noqa: B008
+    query: Annotated[LCoRQuery, Parameter(name="*")] = LCoRQuery(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
     json: AsJson = False,
 ) -> None:
-    """Ask how good the neighbourhood of states is: LCoR and how many states it rests on.
+    """Compute LCoR of states: the mean leverage of the demonstrations near each, 0 to 1.
+
+    The effective sample size is the number of demonstration states that a value rests on. A few
+    dozen of many thousands mean that the state is far from all demonstrations.
 
     Parameters
     ----------
     name:
         The dataset.
     run:
-        The run whose leverage is asked.
+        The run whose leverage is averaged.
     states:
         File of states in raw units: .npy, .npz, .csv or .parquet, one column per dimension.
     episode:
-        Ask along this episode of the dataset instead of a file.
+        Use the states of this episode of the dataset instead of a file.
     alpha:
-        Sharpness of the kernel, or "auto": the run's own, which rests on a tenth of the store.
-    contributors:
-        Also give the pairs that contributed most, this many per state.
-    accuracy:
-        Without it, all pairs are asked.
+        Sharpness of the kernel: large values count only the nearest states. "auto" is the run's
+        own, at which a value rests on about a tenth of the states.
+    query:
+        How exact the values must be, and whether contributors are listed. Without any of these,
+        all states count.
     """
-    dataset = place.open()[name]
-    sharpness = _alpha(alpha)
-    field = dataset.field(run, alpha=sharpness)
+    dataset = location.open()[name]
+    field = dataset.field(run, alpha=_parse_alpha(alpha))
     if (states is None) == (episode is None):
         found = "neither" if states is None else "both"
-        raise InvalidInputError(f"lcor: expected --states or --episode, found {found}")
+        raise InvalidInputError(f"lcor: give --states or --episode, one of them; found {found}")
     if episode is not None:
-        asked = dataset.episode(episode).states
+        queries = dataset.episode(episode).states
     else:
         assert states is not None
-        asked = read_states(states, dataset.state_names)
-    answer = field.lcor(asked, contributors=contributors, **asdict(accuracy))
-    top = _contributors(dataset, answer) if contributors else None
+        queries = read_states(states, dataset.state_names)
+    answer = field.lcor(queries, **asdict(query))
+    top = _list_contributors(dataset, answer) if query.contributors else None
     if json:
         result: dict[str, Any] = {
             "alpha": field.alpha,
@@ -80,15 +81,16 @@ def lcor(
     else:
         title = f"LCoR over {len(field.states):,} demonstration states, alpha {field.alpha:.4g}"
         _print_answer(answer, top, unit="state" if episode is None else "step", title=title)
-        if not accuracy.exact:
+        if not query.exact:
             sampled = int((answer.half_width > 0).sum())
             console().print(
-                f"{sampled:,} of {len(answer.values):,} answers from a random part of the states; "
-                "the others from all of them, which was the shorter way."
+                f"{sampled:,} of {len(answer.values):,} values from a random part of the states; "
+                "the others from all states, which took less work."
             )
 
 
-def _alpha(text: str | None) -> float | None:
+def _parse_alpha(text: str | None) -> float | None:
+    """Return a number, or None for the run's own alpha."""
     if text is None or text == "auto":
         return None
     try:
@@ -98,11 +100,12 @@ def _alpha(text: str | None) -> float | None:
     return check_alpha(number)
 
 
-def _contributors(dataset: Dataset, answer: LCoR) -> list[list[dict[str, Any]]]:
-    place = np.concatenate([np.column_stack(batch.columns) for batch in dataset.index()])
+def _list_contributors(dataset: Dataset, answer: LCoR) -> list[list[dict[str, Any]]]:
+    """Return episode, step and share of the pairs that contributed most to each value."""
+    index = np.concatenate([np.column_stack(batch.columns) for batch in dataset.index()])
     return [
         [
-            {"episode": int(place[row, 0]), "step": int(place[row, 1]), "share": float(share)}
+            {"episode": int(index[row, 0]), "step": int(index[row, 1]), "share": float(share)}
             for row, share in zip(rows, shares, strict=True)
         ]
         for rows, shares in zip(answer.contributors.row, answer.contributors.share, strict=True)
@@ -116,6 +119,7 @@ def _print_answer(
     unit: str,
     title: str,
 ) -> None:
+    """Print at most 25 values, evenly spread, and a line that sums up all of them."""
     shown = np.unique(np.linspace(0, len(answer.values) - 1, 25).astype(int))
     rows = []
     for index in map(int, shown):
@@ -137,5 +141,5 @@ def _print_answer(
         console().print(f"{len(shown)} of {len(values):,} {unit}s shown; --json prints all.")
     console().print(
         f"{len(values):,} {unit}s: LCoR mean {values.mean():.3f}, "
-        f"least {values.min():.3f} at {unit} {values.argmin()}, most {values.max():.3f}"
+        f"lowest {values.min():.3f} at {unit} {values.argmin()}, highest {values.max():.3f}"
     )

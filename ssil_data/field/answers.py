@@ -1,4 +1,4 @@
-"""What is asked of a leverage field beside the states, and what it answers."""
+"""What a leverage field answers: LCoR, how far it can be trusted, and what it rests on."""
 
 from __future__ import annotations
 
@@ -7,63 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.errors import InvalidInputError
 from ssil_data.kernels import Estimate, Sums
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """How exact answers must be: wholly, to a tolerance, or as exact as some seconds allow.
-
-    Without a tolerance or seconds, all demonstration states are asked. Raises InvalidInputError for
-    numbers that are not finite and positive, and for options that contradict each other.
-
-    Parameters
-    ----------
-    tolerance:
-        Ask a random part of the pairs, large enough for 99.9 % half-widths of at most this.
-    relative:
-        Take the tolerance in deviations of LCoR over the demonstrations.
-    seconds:
-        Ask as large a random part of the pairs as this time allows, reading all pairs once before
-        not counted; never twice the same.
-    seed:
-        Equal seeds ask equal parts.
-    """
-
-    tolerance: float | None = None
-    relative: bool = False
-    seconds: float | None = None
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        for name in ("tolerance", "seconds"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise InvalidInputError(f"{name}: expected a finite number > 0, found {value}")
-        if self.tolerance is not None and self.seconds is not None:
-            raise InvalidInputError("accuracy: expected a tolerance or seconds, found both")
-        if self.relative and self.tolerance is None:
-            raise InvalidInputError("relative: expected a tolerance with it, found none")
-        if self.seed < 0:
-            raise InvalidInputError(f"seed: expected at least 0, found {self.seed}")
-        if self.seed and self.exact:
-            raise InvalidInputError(
-                f"seed: expected a tolerance or seconds with it, found {self.seed} alone"
-            )
-
-    @property
-    def exact(self) -> bool:
-        """Tell whether all states must be asked."""
-        return self.tolerance is None and self.seconds is None
 
 
 @dataclass(frozen=True, eq=False)
 class Contributors:
-    """The demonstration states that contributed most to each of m answers, most first.
+    """The demonstration states that contributed most to each of m values, heaviest first.
 
-    row (m, c) is their place in the field, share (m, c) the part of the answer's weight.
+    Parameters
+    ----------
+    row:
+        (m, c) their rows in the field, which are the rows of the dataset's pairs.
+    share:
+        (m, c) the part in (0, 1] of the value's total kernel weight that each has.
     """
 
     row: NDArray[np.int64]
@@ -72,11 +28,31 @@ class Contributors:
 
 @dataclass(frozen=True, eq=False)
 class LCoR:
-    """Answers to m queries, each (m,): LCoR in [min l, max l], and how many states it rests on.
+    """LCoR (leveraged constraint reward) of m states: near 1 is expert-like, near 0 is not.
 
-    `half_width` is 0 where all demonstration states were asked. Where a random part of them was,
-    LCoR over all lies within it of the value with a chance of 99.9 %, as far as the normal
-    approximation holds, and the effective sample size is an estimate.
+    Parameters
+    ----------
+    values:
+        (m,) LCoR, the weighted mean of the demonstrations' leverage around each state; it lies
+        between the smallest and the largest leverage.
+    effective_sample_size:
+        (m,) how many demonstration states a value rests on, from 1 to n. A few dozen of many
+        thousands mean that the state is far from all demonstrations: do not trust the value.
+    half_width:
+        (m,) 0 where the value is exact. Where a random part of the demonstrations was used, the
+        exact value lies within the half-width with a chance of 99.9 %, as far as the normal
+        approximation holds, and the effective sample size is an estimate.
+    contributors:
+        The demonstration states that weigh most; c = 0 of them unless they were requested.
+
+    Examples
+    --------
+    >>> field = dataset.field("vae")
+    >>> answer = field.lcor(field.states[:4], contributors=2)
+    >>> answer.values.shape, answer.contributors.row.shape
+    ((4,), (4, 2))
+    >>> bool((answer.half_width == 0).all())  # exact
+    True
     """
 
     values: NDArray[np.float64]
@@ -86,15 +62,23 @@ class LCoR:
 
     @classmethod
     def of_sums(cls, sums: Sums) -> LCoR:
-        """Return the answers that exact sums make."""
-        share = sums.nearest_weight / sums.denominator[:, None]
-        contributors = Contributors(sums.nearest, share)
-        width = np.zeros(len(sums.values))
-        return cls(sums.values, sums.effective_sample_size, width, contributors)
+        """Return exact values from the sums over all demonstration states."""
+        return cls(
+            values=sums.values,
+            effective_sample_size=sums.effective_sample_size,
+            half_width=np.zeros(len(sums.values)),
+            contributors=Contributors(
+                row=sums.nearest, share=sums.nearest_weight / sums.denominator[:, None]
+            ),
+        )
 
     @classmethod
     def of_estimate(cls, found: Estimate) -> LCoR:
-        """Return the answers that a sample gave; it names no contributors."""
+        """Return the values that a sample gave; it names no contributors."""
         none = np.empty((len(found.values), 0))
-        contributors = Contributors(none.astype(np.int64), none)
-        return cls(found.values, found.effective_sample_size, found.half_width, contributors)
+        return cls(
+            values=found.values,
+            effective_sample_size=found.effective_sample_size,
+            half_width=found.half_width,
+            contributors=Contributors(row=none.astype(np.int64), share=none),
+        )

@@ -57,11 +57,13 @@ class LeverageField:
 
     Examples
     --------
+    >>> from ssil_data.features import Standardizer
+    >>> states = np.array([[0.0], [1.0]], np.float32)
     >>> field = sd.LeverageField(
-    ...     states=np.array([[0.0], [1.0]]),
+    ...     states=states,
     ...     leverage=np.array([1.0, 0.0]),
     ...     labeled=np.array([True, False]),
-    ...     standardizer=dataset.field("vae").standardizer.of(np.array([[0.0], [1.0]], np.float32)),
+    ...     standardizer=Standardizer.of(states),
     ...     alpha=1.0,
     ... )
     >>> field
@@ -192,10 +194,10 @@ class LeverageField:
         sampled = self._engine.sampled()
         how: dict[str, Any] = {"alpha": self.alpha, "seed": query.seed, "threads": self.threads}
         if query.seconds is not None:
-            return LCoR.of_estimate(sampled.in_time(queries, seconds=query.seconds, **how))
+            return LCoR.of_estimate(sampled.estimate_in_time(queries, seconds=query.seconds, **how))
         assert query.tolerance is not None
         width = query.tolerance * (self._deviation if query.relative else 1.0)
-        return LCoR.of_estimate(sampled.within(queries, tolerance=width, **how))
+        return LCoR.of_estimate(sampled.estimate_within(queries, tolerance=width, **how))
 
     def sums(self, states: ArrayLike, *, contributors: int = 0) -> Sums:
         """Return the sums that make LCoR, which add up over the shards of a store.

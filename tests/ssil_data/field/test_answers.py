@@ -1,10 +1,12 @@
 """A field asked to a tolerance or for a time: what it says of its own exactness, and refusals."""
 
 import copy
+import pickle
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import pytest
 from ssil_data import Accuracy, InvalidInputError, LeverageField
 from ssil_data.demonstrations import finite_matrix
 from ssil_data.features import Standardizer
+from ssil_data.field import LCoROptions, LCoRQuery
 
 STORE = 80_000
 
@@ -23,6 +26,11 @@ def field() -> LeverageField:
     leverage = (1 / (1 + np.exp(100 - states[:, 0]))).astype(np.float32)
     labeled = np.arange(STORE) < 100
     return LeverageField(states, leverage, labeled, Standardizer.of(states), 2.0)
+
+
+def made_anew(**changes: Any) -> LeverageField:
+    """The field with other values, that shares nothing with it."""
+    return replace(field(), **changes, engine=None)
 
 
 def queries() -> np.ndarray:
@@ -52,7 +60,7 @@ def test_a_relative_tolerance_is_in_deviations_of_lcor():
     answer = field().lcor(queries(), tolerance=0.2, relative=True)
     assert (answer.half_width <= 0.2 * deviation * 1.2).all()
     assert answer.half_width.max() > 0.05 * deviation
-    sharp = replace(field(), alpha=8.0)
+    sharp = made_anew(alpha=8.0)
     assert sharp.lcor(queries(), tolerance=0.2, relative=True).half_width.max() > 0
 
 
@@ -72,7 +80,7 @@ def test_a_relative_tolerance_of_a_small_store_is_kept_by_asking_all(count: int)
 
 def test_the_deviation_of_lcor_is_that_of_exact_answers():
     for alpha in (1.0, 20.0):
-        asked = replace(field(), alpha=alpha)
+        asked = made_anew(alpha=alpha)
         answer = asked.lcor(queries(), tolerance=0.3, relative=True)
         deviation = asked.lcor(field().states[::300]).values.std()
         assert answer.half_width.max() <= 0.3 * 1.2 * deviation
@@ -103,10 +111,10 @@ def test_a_mapped_file_answers_as_an_array_does(tmp_path: Path):
         ({"tolerance": 0.0}, "tolerance: expected a finite number > 0, found 0.0"),
         ({"tolerance": np.nan}, "tolerance: expected a finite number > 0, found nan"),
         ({"seconds": -1.0}, "seconds: expected a finite number > 0, found -1.0"),
-        ({"seconds": 1.0, "tolerance": 0.1}, "expected a tolerance or seconds, found both"),
-        ({"relative": True}, "relative: expected a tolerance with it, found none"),
+        ({"seconds": 1.0, "tolerance": 0.1}, "accuracy: give a tolerance or seconds, not both"),
+        ({"relative": True}, "relative: give the tolerance that it scales as well"),
         ({"tolerance": 0.1, "seed": -1}, "seed: expected at least 0, found -1"),
-        ({"seed": 3}, "seed: expected a tolerance or seconds with it, found 3 alone"),
+        ({"seed": 3}, "seed: only sampling uses it, which needs a tolerance or seconds as well"),
         ({"tolerance": 0.1, "contributors": 2}, "contributors: expected 0 with a tolerance"),
     ],
 )
@@ -118,7 +126,7 @@ def test_contradictions_are_refused(options: dict, message: str):
 def test_accuracy_is_checked_once_for_everybody():
     assert Accuracy().exact
     assert not Accuracy(tolerance=0.1).exact
-    with pytest.raises(InvalidInputError, match="found both"):
+    with pytest.raises(InvalidInputError, match="not both"):
         Accuracy(tolerance=0.1, seconds=1.0)
 
 
@@ -126,17 +134,17 @@ def test_another_alpha_shares_what_is_packed():
     first = field().lcor(queries(), tolerance=0.02).values
     other = field().at(20.0)
     np.testing.assert_array_equal(
-        other.lcor(queries()).values, replace(field(), alpha=20.0).lcor(queries()).values
+        other.lcor(queries()).values, made_anew(alpha=20.0).lcor(queries()).values
     )
-    assert other._references_cache is field()._references_cache
-    assert other._sampled_cache is field()._sampled_cache
+    assert other.engine is not None and other.engine is field().engine
+    assert other.engine.references() is replace(field(), alpha=3.0).engine.references()
     np.testing.assert_array_equal(field().lcor(queries(), tolerance=0.02).values, first)
     with pytest.raises(InvalidInputError, match="alpha: expected a finite number > 0"):
         field().at(-1.0)
 
 
 def test_a_field_uses_the_threads_that_it_is_given():
-    alone = replace(field(), threads=1)
+    alone = made_anew(threads=1)
     for options in ({}, {"tolerance": 0.02}):
         np.testing.assert_allclose(
             alone.lcor(queries(), **options).values,
@@ -185,3 +193,42 @@ def test_a_view_of_what_can_be_written_is_copied():
 def test_a_device_that_torch_lacks_is_refused():
     with pytest.raises(InvalidInputError, match="device: expected one that torch can use"):
         replace(field(), device="nonsense").lcor(queries())
+
+
+@pytest.mark.parametrize("name", ["states", "leverage", "labeled", "standardizer"])
+def test_a_field_over_other_arrays_shares_nothing(name: str):
+    whole = field()
+    changed = {
+        "states": whole.states + np.float32(1),
+        "leverage": 1 - whole.leverage,
+        "labeled": ~whole.labeled,
+        "standardizer": Standardizer.of(whole.states * 2),
+    }
+    other = replace(whole, **{name: changed[name]})
+    assert other.engine is not whole.engine
+    found = other.lcor(queries()[:3]).values, other.cor(queries()[:3])
+    expected = made_anew(**{name: changed[name]})
+    np.testing.assert_array_equal(found[0], expected.lcor(queries()[:3]).values)
+    np.testing.assert_array_equal(found[1], expected.cor(queries()[:3]))
+    assert (found[0] != whole.lcor(queries()[:3]).values).any() or name == "labeled"
+
+
+def test_a_pickled_field_is_its_values_without_what_was_packed():
+    few = LeverageField(
+        field().states[:50], field().leverage[:50], field().labeled[:50], field().standardizer, 2.0
+    )
+    few.lcor(queries())
+    data = pickle.dumps(few)
+    again = pickle.loads(data)  # noqa: S301  our own bytes
+    assert again.engine is not few.engine
+    assert not again.states.flags.writeable
+    assert len(data) < 3 * few.states.nbytes
+    np.testing.assert_array_equal(again.lcor(queries()).values, few.lcor(queries()).values)
+
+
+def test_the_keyword_arguments_of_lcor_are_the_fields_of_its_query():
+    declared = get_type_hints(LCoRQuery)
+    assert get_type_hints(LCoROptions) == declared
+    assert {each.name for each in fields(LCoRQuery)} == set(declared)
+    with pytest.raises(TypeError, match="tolerence"):
+        field().lcor(queries(), tolerence=0.1)  # pyright: ignore[reportCallIssue]

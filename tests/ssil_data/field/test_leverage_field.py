@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
-from ssil_data.field.leverage_field import ALPHA_RANGE, LeverageField, auto_alpha
+from ssil_data.field import LeverageField, auto_alpha
+from ssil_data.field.sharpness import ALPHA_RANGE
 from ssil_data.kernels import Moments, chunked, cor, lcor_sums, log_kernel
 
 ALPHAS = (0.3, 1.0, 3.0, 100.0, 1e4)
