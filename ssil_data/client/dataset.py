@@ -1,4 +1,4 @@
-"""A dataset and its runs, asked over REST: the surface of the local ones."""
+"""A dataset of a service: the methods of the local one, over REST."""
 
 from __future__ import annotations
 
@@ -15,20 +15,39 @@ from ssil_data import scales
 from ssil_data.client.connection import Connection
 from ssil_data.client.field import RemoteField, RemoteModel
 from ssil_data.client.jobs import RemoteJob
-from ssil_data.client.wire import ARROW, IDEMPOTENCY, decode, matrix_of_rows, pairs_of_table
+from ssil_data.client.pages import read_pages, read_table
+from ssil_data.client.runs import RemoteRuns, run_path
+from ssil_data.client.upload import episodes_body
+from ssil_data.client.wire import ARROW, IDEMPOTENCY, matrix_of_rows, pairs_of_table
 from ssil_data.demonstrations import Episode, Pairs, join_pairs
-from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.estimators import Estimator, to_json
 from ssil_data.kernels import check_alpha
 from ssil_data.scales import Scale
 from ssil_data.scoring import Progress
-from ssil_data.store.arrow_schema import VALUES
-from ssil_data.store.folder import check_name
-from ssil_data.store.runs import Run
+from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
+from ssil_data.store.run_record import Run
 
 
 class RemoteDataset:
-    """One version of a dataset at a service: what was in it when it was opened."""
+    """One version of a dataset at a service: what was in it when it was opened.
+
+    Parameters
+    ----------
+    connection
+        To the service.
+    summary
+        The dataset as `GET /v1/datasets/{dataset}` shows it.
+    limits
+        What the service takes at most, as `GET /v1/limits` shows it.
+
+    Examples
+    --------
+    >>> drives = remote["drives"]
+    >>> len(drives) == len(dataset), drives.version == dataset.version
+    (True, True)
+    >>> bool((drives.labeled().states == dataset.labeled().states).all())
+    True
+    """
 
     def __init__(
         self, connection: Connection, summary: Mapping[str, Any], limits: Mapping[str, Any]
@@ -60,11 +79,23 @@ class RemoteDataset:
 
     @property
     def versions(self) -> list[str]:
-        """The fingerprints of all versions up to the newest."""
-        return self._connection.json("GET", f"{self.path}/versions")["versions"]
+        """The fingerprints of all versions up to this one, which is the last."""
+        listed = self._connection.json("GET", f"{self.path}/versions")["versions"]
+        return listed[: listed.index(self.version) + 1]
 
     def at(self, version: str) -> RemoteDataset:
-        """Open an earlier version by its fingerprint; raises NotFoundError."""
+        """Open an earlier version.
+
+        Parameters
+        ----------
+        version
+            Its fingerprint.
+
+        Raises
+        ------
+        NotFoundError
+            If no version has the fingerprint.
+        """
         summary = self._connection.json("GET", self.path, params={"version": version})
         return RemoteDataset(self._connection, summary, self._limits)
 
@@ -76,42 +107,81 @@ class RemoteDataset:
     @cached_property
     def episodes(self) -> pa.Table:
         """The episodes in order: episode, length, labeled, source, score, tier, ending."""
-        return self._table(f"{self.path}/episodes", {})
+        return read_table(self._connection, f"{self.path}/episodes", self.version)
 
     def pairs(self) -> Pairs:
         """Read all pairs into memory."""
         return join_pairs(list(self.batches()))
 
-    def batches(self) -> Iterator[Pairs]:
-        """Read all pairs in order, a page at a time."""
-        return map(pairs_of_table, self._pages(f"{self.path}/pairs", {}))
+    def batches(self, *, rows: int | None = None) -> Iterator[Pairs]:
+        """Read all pairs in order; episodes may be cut between batches.
+
+        Parameters
+        ----------
+        rows
+            Pairs in a batch; the service may give fewer, and decides without.
+        """
+        pages = self._read_pages({"limit": rows})
+        return map(pairs_of_table, pages)
 
     def episode(self, number: int) -> Pairs:
-        """Read the pairs of one episode; raises NotFoundError."""
-        if not 0 <= number < len(self.episodes):
-            raise NotFoundError(
-                f"episode of {self.name}: expected 0 to {len(self.episodes) - 1}, found {number}"
-            )
-        return pairs_of_table(self._table(f"{self.path}/pairs", {"episode": number}))
+        """Read the pairs of one episode.
+
+        Parameters
+        ----------
+        number
+            Of the episode.
+
+        Raises
+        ------
+        NotFoundError
+            If no episode has the number.
+        """
+        check_episode(self.name, self.episodes, number)
+        return self._read_pairs({"episode": number})
 
     def labeled(self) -> Pairs:
-        """Read the labeled pairs; raises InvalidInputError if there are none."""
-        found = pairs_of_table(self._table(f"{self.path}/pairs", {"labeled": "true"}))
-        if not len(found):
-            raise InvalidInputError(
-                f"labeled episodes of {self.name}: expected at least one, found none among "
-                f"{len(self.episodes)}"
-            )
-        return found
+        """Read the labeled pairs.
+
+        Raises
+        ------
+        InvalidInputError
+            If there are none.
+        """
+        check_labeled(self.name, self.episodes)
+        return self._read_pairs({"labeled": True})
+
+    def _read_pairs(self, params: Mapping[str, Any]) -> Pairs:
+        return join_pairs([pairs_of_table(page) for page in self._read_pages(params)])
+
+    def _read_pages(self, params: Mapping[str, Any]) -> Iterator[pa.Table]:
+        return read_pages(self._connection, f"{self.path}/pairs", self.version, params)
 
     def per_pair(self, column: str) -> NDArray[Any]:
-        """Return a column of the episodes table, such as `labeled`, for every pair (n,)."""
-        values = self.episodes[column].to_numpy()
-        return np.repeat(values, self.episodes["length"].to_numpy())
+        """Return a column of the episodes table for every pair (n,).
+
+        Parameters
+        ----------
+        column
+            Its name, such as `labeled`.
+        """
+        return repeat_per_pair(self.episodes, column)
 
     def read_recorded(self, column: str) -> NDArray[np.float32] | None:
-        """Read `reward` (n,) or `position` (n, 2) of every pair; None where any has none."""
-        values = self._table(f"{self.path}/pairs", {"recorded": column})[column]
+        """Read what was recorded beside every pair, for evaluation and maps only.
+
+        Parameters
+        ----------
+        column
+            `reward` or `position`.
+
+        Returns
+        -------
+        NDArray or None
+            (n,) or (n, 2); None where any pair has none.
+        """
+        pages = self._read_pages({"recorded": column})
+        values = pa.concat_tables(list(pages))[column]
         if values.null_count:
             return None
         return matrix_of_rows(values) if column == "position" else values.to_numpy()
@@ -119,23 +189,50 @@ class RemoteDataset:
     @property
     def runs(self) -> RemoteRuns:
         """The scoring runs, by name."""
-        return RemoteRuns(self._connection, self)
+        return RemoteRuns(self._connection, self.name, self.version)
 
     def leverage(self, run: str) -> NDArray[np.float32]:
-        """Read the leverage that a run gave to every pair, (n,) in [0, 1]."""
-        columns = {"columns": "leverage"}
-        return self._table(f"{self.run_path(run)}/leverage", columns)["leverage"].to_numpy()
+        """Read the leverage that a run gave to every pair, (n,) in [0, 1]; 1 is expert-like.
 
-    def run_path(self, run: str) -> str:
-        """Return where a run is asked for; raises InvalidInputError for what names none."""
-        return f"{self.path}/runs/{check_name('run', run)}"
+        Parameters
+        ----------
+        run
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        ConflictError
+            If the run was made from another version.
+        """
+        path = f"{run_path(self.name, run)}/leverage"
+        values = read_table(self._connection, path, self.version, {"columns": "leverage"})
+        return values["leverage"].to_numpy()
 
     def field(self, run: str, *, alpha: float | None = None) -> RemoteField:
-        """Return the leverage field of a run over all states, with the run's alpha or another."""
+        """Return the leverage field of a run over all states.
+
+        Parameters
+        ----------
+        run
+            The run's name.
+        alpha
+            Sharpness of the kernel instead of the run's own.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        ConflictError
+            If the run was made from another version.
+        InvalidInputError
+            For an alpha at which the kernel cannot be computed.
+        """
         record = self.runs[run]
         return RemoteField(
             connection=self._connection,
-            path=self.run_path(run),
+            path=run_path(self.name, run),
             version=self.version,
             width=len(self.state_names),
             alpha=record.alpha if alpha is None else check_alpha(alpha),
@@ -143,10 +240,21 @@ class RemoteDataset:
         )
 
     def model(self, run: str) -> RemoteModel:
-        """Return the fitted estimator and scale of a run of any version."""
+        """Return the fitted estimator and scale of a run of any version.
+
+        Parameters
+        ----------
+        run
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        """
         record = self.runs.of_any_version(run)
         most = self._limits["query_rows"]
-        return RemoteModel(self._connection, self.run_path(run), record, most)
+        return RemoteModel(self._connection, run_path(self.name, run), record, most)
 
     def score(
         self,
@@ -178,19 +286,51 @@ class RemoteDataset:
         return self.runs[self.start({"fitted": fitted, "run": run}).wait(progress)]
 
     def start(self, body: Mapping[str, Any]) -> RemoteJob:
-        """Ask for a run by the body of `POST …/runs` and return the job; asked for once only."""
-        known = {key: value for key, value in body.items() if value is not None}
-        known["version"] = self.version
+        """Start a scoring job; it is made once, however often the request is sent.
+
+        Parameters
+        ----------
+        body
+            Of `POST /v1/datasets/{dataset}/runs`; what is None is left out.
+
+        Returns
+        -------
+        RemoteJob
+            To wait for, or to cancel.
+
+        Raises
+        ------
+        SsilDataError
+            If the service refuses the body.
+        """
+        given = {key: value for key, value in body.items() if value is not None}
+        given["version"] = self.version
         headers = {IDEMPOTENCY: secrets.token_hex(16)}
         job = self._connection.json(
-            "POST", f"{self.path}/runs", json=known, headers=headers, repeatable=True
+            "POST", f"{self.path}/runs", json=given, headers=headers, repeatable=True
         )
         return RemoteJob(self._connection, job["job"])
 
     def append(self, episodes: Iterable[Episode]) -> RemoteDataset:
-        """Add episodes, numbered on from the last, and return the new version."""
-        from ssil_data.client.upload import episodes_body
+        """Add episodes, numbered on from the last, and return the new version.
 
+        Parameters
+        ----------
+        episodes
+            At least one.
+
+        Returns
+        -------
+        RemoteDataset
+            The new version; this one stays as it is.
+
+        Raises
+        ------
+        InvalidInputError
+            For episodes of another width, or none; nothing is written then.
+        ConflictError
+            If another writer added episodes meanwhile.
+        """
         body = episodes_body(episodes, self.state_names, self.action_names, "")
         summary = self._connection.json(
             "POST",
@@ -200,59 +340,3 @@ class RemoteDataset:
             work=True,
         )
         return RemoteDataset(self._connection, summary, self._limits)
-
-    def _table(self, path: str, params: Mapping[str, Any]) -> pa.Table:
-        return pa.concat_tables(list(self._pages(path, params)))
-
-    def _pages(self, path: str, params: Mapping[str, Any]) -> Iterator[pa.Table]:
-        """Read a bulk answer of this version from page to page."""
-        offset = 0
-        while True:
-            page = {**params, "version": self.version, "offset": offset}
-            answer = self._connection.request(
-                "GET", path, params=page, headers={"Accept": ARROW}, work=True
-            )
-            table = decode(answer.content)
-            yield table.replace_schema_metadata(None)
-            offset += len(table)
-            if offset >= int(answer.headers["X-Total-Count"]) or not len(table):
-                return
-
-
-class RemoteRuns:
-    """The runs of one dataset, by name, as one version of it sees them."""
-
-    def __init__(self, connection: Connection, dataset: RemoteDataset) -> None:
-        self._connection = connection
-        self._dataset = dataset
-
-    def all(self) -> list[Run]:
-        """List the runs of every version of the dataset, oldest first."""
-        listed = self._connection.json("GET", f"{self._dataset.path}/runs")
-        return [Run.from_json(record) for record in listed["runs"]]
-
-    def __iter__(self) -> Iterator[Run]:
-        """Go through the runs of this version, oldest first."""
-        return (run for run in self.all() if run.dataset_version == self._dataset.version)
-
-    def __getitem__(self, name: str) -> Run:
-        """Open a run; raises NotFoundError, or ConflictError if it is another version's."""
-        run = self.of_any_version(name)
-        if run.dataset_version != self._dataset.version:
-            raise ConflictError(
-                f"run {name!r}: expected one made from version {self._dataset.version} of "
-                f"{self._dataset.name}, found version {run.dataset_version}; score this version"
-            )
-        return run
-
-    def names(self) -> list[str]:
-        """List the names of the runs of every version."""
-        return sorted(run.name for run in self.all())
-
-    def of_any_version(self, name: str) -> Run:
-        """Open a run whose model is to be used, not its values; raises NotFoundError."""
-        return Run.from_json(self._connection.json("GET", self._dataset.run_path(name)))
-
-    def values(self, name: str) -> pa.Table:
-        """Read a run's values in the order of the pairs; columns as in `rows.VALUES`."""
-        return self._dataset._table(f"{self._dataset.run_path(name)}/leverage", {}).cast(VALUES)

@@ -1,4 +1,4 @@
-"""Commands about leverage: score, show, report."""
+"""The commands score, show and report: make leverage, compare runs, write the report."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from cyclopts import Parameter
 
 from ssil_data.commands.output import (
     AsJson,
-    Place,
-    StorePlace,
+    StoreLocation,
+    StoreOption,
     print_json,
     print_table,
     progress,
@@ -23,7 +23,7 @@ from ssil_data.scoring import preset as recipe_of
 from ssil_data.scoring import rescore
 from ssil_data.scoring import score as score_dataset
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 
 Kind = Literal["vae", "windowvae", "mdn", "gpr"]
 
@@ -39,10 +39,12 @@ def score(
     seed: int | None = None,
     run: str | None = None,
     fitted: str | None = None,
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
     json: AsJson = False,
 ) -> None:
     """Fit an estimator on the labeled pairs and give every pair a leverage in [0, 1].
+
+    Leverage near 1 means that a pair is like the expert's. The values are stored as a run.
 
     Parameters
     ----------
@@ -51,32 +53,32 @@ def score(
     estimator:
         vae and windowvae judge states, mdn and gpr the actions expected in them.
     preset:
-        `paper` has the paper's choices, `default` the best ones measured. [default: default]
+        `paper` has the paper's choices, `default` those that measured best. [default: default]
     scale:
         How uncertainty becomes leverage, instead of the preset's.
     surprisal:
-        mdn and gpr: judge the action that was taken, instead of the preset's choice.
+        mdn and gpr: also judge the action that was taken, instead of the preset's choice.
     seed:
-        Same seed, same machine, same leverage. [default: 0]
+        Random seed: same seed, same machine, same leverage. [default: 0]
     run:
-        Name of the run; the estimator's name, numbered, unless given.
+        Name of the run. Without it, the estimator's name, numbered if it is taken.
     fitted:
         Use the estimator and scale of this run, [DATASET/]RUN, instead of fitting.
     """
-    with place.open().open_for_writing(name) as dataset, progress() as report:
+    with location.open().open_for_writing(name) as dataset, progress() as report:
         if fitted is not None:
             fitting = {"estimator": estimator, "preset": preset, "scale": scale}
             fitting |= {"surprisal": surprisal, "seed": seed}
             given = [f"--{name}" for name, value in fitting.items() if value is not None]
             if given:
                 raise InvalidInputError(
-                    f"score: expected --fitted alone, since nothing is fitted, found {given}"
+                    f"score: --fitted reuses the settings of a run; leave out {given}"
                 )
             source, _, source_run = fitted.rpartition("/")
-            other = place.open()[source] if source else dataset
+            other = location.open()[source] if source else dataset
             record = rescore(dataset, other, source_run, run=run, progress=report)
         elif estimator is None:
-            raise InvalidInputError("score: expected --estimator or --fitted, found neither")
+            raise InvalidInputError("score: give --estimator or --fitted; found neither")
         else:
             recipe = recipe_of(preset or "default", estimator).with_options(
                 scale=scale, surprisal=surprisal
@@ -90,7 +92,7 @@ def score(
                 run=run,
                 progress=report,
             )
-    summary = _summary(record)
+    summary = _summarize_run(record)
     if json:
         print_json({**summary, "alpha": record.alpha, "settings": dict(record.estimator)})
     else:
@@ -101,29 +103,33 @@ def show(
     name: str,
     /,
     *,
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
     json: AsJson = False,
 ) -> None:
-    """Show the leverage of every run by quality tier, and how well it ranks quality.
+    """Compare the runs of a dataset: mean leverage by quality tier, and how well it ranks quality.
+
+    Tiers, AUROC and rank correlation need true quality (`--score`, `--tier` at import); without it,
+    the table has the mean leverage of labeled and unlabeled pairs. Higher AUROC and Spearman are
+    better; .5 and 0 are chance.
 
     Parameters
     ----------
     name:
         The dataset.
     """
-    dataset = place.open()[name]
-    rows = [_quality_row(dataset, run) for run in dataset.runs]
+    dataset = location.open()[name]
+    rows = [_measure_quality(dataset, run) for run in dataset.runs]
     if json:
         print_json({"dataset": name, "dataset_version": dataset.version, "runs": rows})
         return
-    others = len(dataset.runs.all()) - len(rows)
-    if others:
-        print(f"{others} runs belong to earlier versions of {name} and are not shown.")
+    outdated = len(dataset.runs.all()) - len(rows)
+    if outdated:
+        print(f"{outdated} runs belong to earlier versions of {name} and are not shown.")
     if not rows:
         print(f"No runs: ssil-data score {name} --estimator windowvae")
         return
-    flat = [_flat(row) for row in rows]
-    print_table(f"Leverage of the unlabeled pairs of {name}, mean by quality tier", flat)
+    title = f"Leverage of the unlabeled pairs of {name}, mean by quality tier"
+    print_table(title, [_flatten(row) for row in rows])
 
 
 def report(
@@ -131,23 +137,24 @@ def report(
     /,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("report.html"),
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
 ) -> None:
-    """Write one offline HTML page about the runs of a dataset.
+    """Write one HTML page about the runs of a dataset, for any browser, without a network.
 
     Parameters
     ----------
     name:
         The dataset.
     output:
-        The page.
+        The file to write.
     """
-    with progress() as seen:
-        write_report(place.open()[name], output, progress=seen)
+    with progress() as shown:
+        write_report(location.open()[name], output, progress=shown)
     print(f"Report: {output}")
 
 
-def _summary(run: Run) -> dict[str, Any]:
+def _summarize_run(run: Run) -> dict[str, Any]:
+    """Return a run as the row that `score` prints."""
     return {
         "run": run.name,
         "dataset": run.dataset,
@@ -162,7 +169,8 @@ def _summary(run: Run) -> dict[str, Any]:
     }
 
 
-def _quality_row(dataset: Dataset, run: Run) -> dict[str, Any]:
+def _measure_quality(dataset: Dataset, run: Run) -> dict[str, Any]:
+    """Return what is known of a run's leverage, as one row of `show --json`."""
     leverage = dataset.leverage(run.name)
     labeled = dataset.per_pair("labeled").astype(bool)
     parts = {"labeled": leverage[labeled], "unlabeled": leverage[~labeled]}
@@ -175,7 +183,8 @@ def _quality_row(dataset: Dataset, run: Run) -> dict[str, Any]:
     }
 
 
-def _flat(row: dict[str, Any]) -> dict[str, Any]:
+def _flatten(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row of `show --json` as cells of a table; a tier's name never hides a column."""
     made = {
         "run": row["run"],
         "estimator": row["estimator"],

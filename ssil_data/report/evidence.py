@@ -14,7 +14,7 @@ from ssil_data.quality import Quality, quality
 from ssil_data.scoring import Progress
 from ssil_data.store.arrow_schema import PARTS
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,8 @@ from ssil_data.scales import Conformal, FittedScale, MinMax, Quantile, Scale
 from ssil_data.scoring.streaming import Streamed, stream
 from ssil_data.store.arrow_schema import PARTS
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.runs import Run, digest
+from ssil_data.store.run_record import Run
+from ssil_data.store.runs import digest
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
@@ -212,7 +213,7 @@ class _Job:
             except ConflictError:
                 if self.name is not None:
                     raise
-            record = replace(record, run=self._free_name())
+            record = replace(record, name=self._free_name())
 
     def _free_name(self) -> str:
         return self.name or self.dataset.runs.free_name(self.recipe.estimator.kind)

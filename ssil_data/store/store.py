@@ -175,7 +175,7 @@ class Store:
 
     def _name_taken(self, name: str) -> ConflictError:
         return ConflictError(
-            f"dataset: expected an unused name in {self.folder.uri}, found {name!r}"
+            f"dataset: the name {name!r} is taken in {self.folder.uri}; give another"
         )
 
     def _no_such_dataset(self, name: str) -> NotFoundError:

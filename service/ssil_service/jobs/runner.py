@@ -1,4 +1,4 @@
-"""How a job makes its run: under a name of its own, in a worker process that may be cut off."""
+"""How a job makes its run: under a name of its own, in a worker process that may be killed."""
 
 from __future__ import annotations
 
@@ -12,88 +12,156 @@ from ssil_data.store import Store
 from ssil_data.store.runs import Run
 from ssil_service.jobs.journal import JobRecord
 from ssil_service.problems import Problem, of_library
-from ssil_service.workers.pool import Pool, Report, Started, TaskError
+from ssil_service.workers.pool import AssignWorker, Pool, Report, TaskError
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a job ended, and why if it made no run."""
+    """How a job ended, with `kind` and `detail` of the error if it made no run."""
 
     state: Literal["succeeded", "failed"]
     error: Mapping[str, str] | None = None
 
-
-def fault(kind: str, detail: str) -> Ending:
-    """Return the ending of a job that made no run."""
-    return Ending("failed", {"kind": kind, "detail": detail})
+    @classmethod
+    def of_error(cls, kind: str, detail: str) -> Ending:
+        """Return the ending of a job that failed."""
+        return cls("failed", {"kind": kind, "detail": detail})
 
 
 @dataclass(frozen=True)
 class Runner:
-    """Makes the runs of jobs in a store."""
+    """Makes the runs of jobs.
+
+    Parameters
+    ----------
+    store
+        Folder or URI of the store.
+    pool
+        Workers that fit and score.
+    """
 
     store: str
     pool: Pool
 
-    def free_name(self, dataset: str, stem: str, reserved: Collection[str]) -> str:
-        """Return `stem`, or the first of `stem-2`, … that no run has and no job will have.
+    def find_free_name(self, dataset: str, prefix: str, reserved: Collection[str]) -> str:
+        """Find a name for a run.
 
-        Raises NotFoundError where the dataset is gone.
+        Parameters
+        ----------
+        dataset
+            Whose run it is.
+        prefix
+            The name to begin with.
+        reserved
+            Names that other jobs will use.
+
+        Returns
+        -------
+        str
+            `prefix`, or the first of `prefix-2`, `prefix-3`, … that is free.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such dataset.
         """
-        taken = {*self._runs(dataset), *reserved}
-        numbered = (stem if number == 1 else f"{stem}-{number}" for number in count(1))
-        return next(name for name in numbered if name not in taken)
+        used = {*self._run_names(dataset), *reserved}
+        numbered = (prefix if number == 1 else f"{prefix}-{number}" for number in count(1))
+        return next(name for name in numbered if name not in used)
 
     def name_is_used(self, record: JobRecord) -> bool:
         """Tell whether a run has the job's name; raises NotFoundError without its dataset."""
-        return record.run in self._runs(record.dataset)
+        return record.run_name in self._run_names(record.dataset)
 
-    def run(self, record: JobRecord, *, report: Report, started: Started) -> Ending:
-        """Make the run of a job."""
-        arguments = {"store": self.store, "dataset": record.dataset, "run": record.run}
-        arguments |= {"version": record.version, "body": dict(record.body)}
+    def run(
+        self, record: JobRecord, *, report: Report, assign_worker: AssignWorker
+    ) -> Ending:
+        """Make the run of a job.
+
+        Parameters
+        ----------
+        record
+            The job.
+        report, assign_worker
+            See `Pool.run`.
+
+        Returns
+        -------
+        Ending
+            Whatever happens to the worker.
+        """
+        arguments = {
+            "store": self.store,
+            "dataset": record.dataset,
+            "version": record.version,
+            "run": record.run_name,
+            "body": dict(record.body),
+        }
         try:
-            self.pool.run("make_run", arguments, report=report, started=started)
+            self.pool.run("make_run", arguments, report=report, assign_worker=assign_worker)
         except (SsilDataError, Problem) as error:
-            return self.refuse(error)
+            return self.explain(error)
         except TaskError as error:
-            return self.find_ending(record, fault(error.kind, error.detail))
+            return self.find_ending(record, Ending.of_error(error.kind, error.detail))
         return Ending("succeeded")
 
-    def refuse(self, error: SsilDataError | Problem) -> Ending:
-        """Return the ending of a job that cannot be; no place on the machine is named."""
+    def explain(self, error: SsilDataError | Problem) -> Ending:
+        """Return the ending of a job that was refused, without naming a path of this machine."""
         kind = type(error).__name__
         if isinstance(error, SsilDataError):
             error = of_library(error, [Store(self.store).folder.uri])
-        return fault(kind, error.detail)
+        return Ending.of_error(kind, error.detail)
 
-    def find_ending(self, record: JobRecord, ending: Ending) -> Ending:
-        """Return how a job ended that gave no answer: it may have made its run before that."""
+    def find_ending(self, record: JobRecord, failure: Ending) -> Ending:
+        """Find out how a job ended whose worker gave no answer.
+
+        Parameters
+        ----------
+        record
+            The job.
+        failure
+            Its ending, unless it made its run before the worker died.
+        """
         try:
             made = self._has_made_run(record)
         except DamagedError:
             made = False
-        return Ending("succeeded") if made else ending
+        return Ending("succeeded") if made else failure
 
     def _has_made_run(self, record: JobRecord) -> bool:
-        """Tell whether the run of the job's name is the job's, not one of somebody outside."""
-        place = Store(self.store)
+        """Tell whether the run of that name is the job's, and not one that another user made."""
+        store = Store(self.store)
         try:
-            run = place[record.dataset].runs.of_any_version(record.run)
-            expected = expected_record(record.body, place, record.dataset)
+            run = store[record.dataset].runs.of_any_version(record.run_name)
+            expected = expected_record(record.body, store, record.dataset)
         except NotFoundError:
             return False
         found = {name: getattr(run, name) for name in expected}
-        return (run.dataset_version, found) == (record.version, expected)
+        return run.dataset_version == record.version and found == expected
 
-    def _runs(self, dataset: str) -> list[str]:
+    def _run_names(self, dataset: str) -> list[str]:
         return Store(self.store)[dataset].runs.names()
 
 
-def expected_record(body: Mapping[str, Any], place: Store, dataset: str) -> dict[str, Any]:
-    """Return what the record of a run says that was made as the body of its job describes it."""
+def expected_record(body: Mapping[str, Any], store: Store, dataset: str) -> dict[str, Any]:
+    """Return what the record of a run must say that was made as a job's body describes.
+
+    Parameters
+    ----------
+    body
+        Of the job, see `ssil_service.workers.tasks.make_run`.
+    store
+        The store.
+    dataset
+        The job's dataset.
+
+    Returns
+    -------
+    dict
+        Attributes of `ssil_data.store.runs.Run` with their values.
+    """
     if "fitted" not in body:
         return {name: body[name] for name in ("estimator", "scale", "labeled_is_one", "seed")}
     fitted = body["fitted"]
-    source: Run = place[fitted["dataset"] or dataset].runs.of_any_version(fitted["run"])
+    source: Run = store[fitted["dataset"] or dataset].runs.of_any_version(fitted["run"])
     return {"model": source.model, "fitted_scale": source.fitted_scale}

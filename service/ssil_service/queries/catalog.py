@@ -14,13 +14,14 @@ from typing import Any, TypeVar
 import pyarrow as pa
 
 from ssil_data.demonstrations import Pairs
-from ssil_data.errors import ConflictError, NotFoundError, SsilDataError
+from ssil_data.errors import NotFoundError, SsilDataError
 from ssil_data.field import LeverageField
 from ssil_data.scoring import LeverageModel
 from ssil_data.store import Store
 from ssil_data.store.dataset import CARD, Dataset
 from ssil_data.store.folder import check_name
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
+from ssil_data.store.version_rule import check_version
 from ssil_service.queries.cache import Cache
 
 _SETTLED = 0.1
@@ -56,12 +57,7 @@ class Snapshot:
     def run(self, name: str) -> Run:
         """Return a run made from this version; raises NotFoundError or ConflictError."""
         record = self.run_of_any_version(name)
-        if record.dataset_version != self.version:
-            raise ConflictError(
-                f"run {name!r}: expected one made from version {self.version} of {self.name}, "
-                f"found version {record.dataset_version}"
-            )
-        return record
+        return check_version(record, dataset=self.name, version=self.version)
 
     def run_of_any_version(self, name: str) -> Run:
         """Return a run; raises NotFoundError."""

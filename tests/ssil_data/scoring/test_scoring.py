@@ -149,7 +149,7 @@ def test_a_dataset_without_a_labeled_episode_is_refused(store: Store):
 def test_a_taken_name_is_refused_before_anything_is_fitted(dataset: Dataset, monkeypatch):
     score(dataset, GPR(), run="mine")
     monkeypatch.setattr(MDN, "fit", None)
-    with pytest.raises(ConflictError, match="found 'mine'"):
+    with pytest.raises(ConflictError, match="the name 'mine' is taken"):
         score(dataset, MDN(), run="mine")
 
 

@@ -17,7 +17,8 @@ from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, Not
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.folder import Folder
-from ssil_data.store.runs import Run, Runs, digest
+from ssil_data.store.run_record import Run
+from ssil_data.store.runs import Runs, digest
 from support.demonstrations import ACTION_NAMES, ROOT, STATE_NAMES, drive
 
 MODEL = b"fitted" * 10_000
@@ -103,7 +104,7 @@ def test_a_run_gives_back_what_it_was_given(dataset: Dataset):
 
 def test_a_name_is_used_once(dataset: Dataset):
     write(dataset, "vae")
-    with pytest.raises(ConflictError, match="found 'vae'"):
+    with pytest.raises(ConflictError, match="the name 'vae' is taken"):
         write(dataset, "vae", 0.9)
     assert set(dataset.leverage("vae").tolist()) == {0.5}
     assert dataset.runs.free_name("vae") == "vae-2"

@@ -163,7 +163,7 @@ def test_two_appends_from_one_snapshot_conflict(dataset: Dataset, monkeypatch: p
 def test_a_refused_dataset_leaves_nothing(store: Store, dataset: Dataset):
     before = sorted(path for path in Path(store.folder.uri).rglob("*"))
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
-    with pytest.raises(ConflictError, match="found 'drives'"):
+    with pytest.raises(ConflictError, match="the name 'drives' is taken"):
         store.create("drives", drives(), **names)
     with pytest.raises(InvalidInputError, match="expected width 3, found 2"):
         store.create("narrow", [Episode(np.ones((4, 2)), np.ones((4, 2)))], **names)

@@ -1,29 +1,50 @@
-"""A dataset with fewer labels: its first labeled pairs, and everything unlabeled as it was."""
+"""A dataset with fewer labels: its first labeled pairs, and all unlabeled pairs as they are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from ssil_data import scales
-from ssil_data.client import RemoteDataset
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import from_json
 from ssil_data.scoring import Progress, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 
 
-def with_labels(store: Store, name: str, labels: int) -> Dataset:
-    """Open what `name` is with fewer labels, or make it; with all labels, `name` itself.
+def limit_labels(store: Store, name: str, labels: int) -> Dataset:
+    """Open the dataset with fewer labels, or make it.
 
-    Its name ends in the source's version, so that one of another version is never taken for it.
+    The labeled pairs beyond the first `labels` are left out: the expert gave fewer demonstrations.
+    All unlabeled pairs stay. The new name ends in the version of its source, so that a dataset made
+    from another version is never taken for it.
 
-    Its labeled pairs are the first `labels` of the source, the rest of the labeled ones is left
-    out: the expert gave fewer demonstrations. Raises InvalidInputError if there are not so many.
+    Parameters
+    ----------
+    store:
+        The store of the dataset.
+    name:
+        Name of the source.
+    labels:
+        Number of labeled pairs to keep, at least 2.
+
+    Returns
+    -------
+    :
+        The dataset with fewer labels; the source itself if it has just as many.
+
+    Raises
+    ------
+    InvalidInputError
+        If the source has fewer labeled pairs.
+
+    Examples
+    --------
+    >>> fewer = limit_labels(store, "drives", 80)
+    >>> int(fewer.per_pair("labeled").sum()), fewer.name.startswith("drives-80-labels-")
+    (80, True)
     """
     source = store[name]
     found = int(source.per_pair("labeled").sum())
@@ -37,7 +58,7 @@ def with_labels(store: Store, name: str, labels: int) -> Dataset:
     card = f"# {fewer}\n\nThe first {labels} labeled pairs of `{name}`, version `{source.version}`"
     return store.create(
         fewer,
-        _episodes(source, labels),
+        _limited_episodes(source, labels),
         state_names=source.state_names,
         action_names=source.action_names,
         card=f"{card}, and all its unlabeled ones.",
@@ -45,15 +66,42 @@ def with_labels(store: Store, name: str, labels: int) -> Dataset:
 
 
 def score_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) -> str:
-    """Return a run of `dataset` made as `run` of `source` was, fitted on its own labels.
+    """Score a dataset with the settings of a run on another dataset, unless that was done before.
 
-    Raises ConflictError if `dataset` has a run of that name that was made otherwise.
+    Parameters
+    ----------
+    dataset:
+        The dataset to score; the estimator is fitted on its own labels.
+    source:
+        The dataset of the run to repeat.
+    run:
+        Name of that run, and of the one that is made.
+    progress:
+        Called as the scoring goes on.
+
+    Returns
+    -------
+    :
+        The name of the run.
+
+    Raises
+    ------
+    ConflictError
+        If `dataset` has a run of that name with other settings.
+
+    Examples
+    --------
+    >>> fewer = limit_labels(store, "drives", 80)
+    >>> score_like(fewer, dataset, "vae", lambda what, done, of: None)
+    'vae'
+    >>> fewer.runs["vae"].labeled
+    80
     """
     if dataset.version == source.version:
         return run
     record = source.runs[run]
     if run in dataset.runs.names():
-        _refuse_other(dataset, dataset.runs[run], record)
+        _check_same_settings(dataset, dataset.runs[run], record)
     else:
         score(
             dataset,
@@ -67,7 +115,8 @@ def score_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) 
     return run
 
 
-def _refuse_other(dataset: Dataset, found: Run, expected: Run) -> None:
+def _check_same_settings(dataset: Dataset, found: Run, expected: Run) -> None:
+    """Raise ConflictError that names the first setting in which two runs differ."""
     for name in ("estimator", "scale", "labeled_is_one", "seed"):
         one, other = getattr(expected, name), getattr(found, name)
         if one != other:
@@ -77,42 +126,29 @@ def _refuse_other(dataset: Dataset, found: Run, expected: Run) -> None:
             )
 
 
-def _episodes(source: Dataset, labels: int) -> Iterator[Episode]:
-    pairs, rewards = source.pairs(), source.read_recorded("reward")
+def _limited_episodes(source: Dataset, labels: int) -> Iterator[Episode]:
+    """Yield the episodes of a dataset, the labeled ones cut after the first `labels` pairs."""
+    pairs = source.pairs()
+    rewards = source.read_recorded("reward")
     positions = source.read_recorded("position")
-    start, missing = 0, labels
+    start = 0
+    missing = labels
     for row in source.episodes.to_pylist():
         kept = min(row["length"], missing) if row["labeled"] else row["length"]
-        missing -= kept if row["labeled"] else 0
+        if row["labeled"]:
+            missing -= kept
         rows = slice(start, start + kept)
         start += row["length"]
-        if kept:
-            yield Episode(
-                states=pairs.states[rows],
-                actions=pairs.actions[rows],
-                labeled=row["labeled"],
-                source=row["source"],
-                rewards=None if rewards is None else rewards[rows],
-                positions=None if positions is None else positions[rows],
-                score=row["score"],
-                tier=row["tier"],
-                ending=row["ending"] if kept == row["length"] else "cut",
-            )
-
-
-def expert_return(dataset: Dataset | RemoteDataset) -> float | None:
-    """Return the expert's mean return: what a score of 1 is, told by whole scored episodes.
-
-    For evaluation only. None where no reward or score is recorded, or no episode is whole.
-    """
-    rewards = dataset.read_recorded("reward")
-    if rewards is None:
-        return None
-    lengths = dataset.episodes["length"].to_numpy()
-    totals = np.add.reduceat(rewards.astype(np.float64), np.cumsum(lengths) - lengths)
-    whole = [
-        total / row["score"]
-        for total, row in zip(totals, dataset.episodes.to_pylist(), strict=True)
-        if row["score"] and row["ending"] != "cut"
-    ]
-    return float(np.median(whole)) if whole else None
+        if not kept:
+            continue
+        yield Episode(
+            states=pairs.states[rows],
+            actions=pairs.actions[rows],
+            labeled=row["labeled"],
+            source=row["source"],
+            rewards=None if rewards is None else rewards[rows],
+            positions=None if positions is None else positions[rows],
+            score=row["score"],
+            tier=row["tier"],
+            ending=row["ending"] if kept == row["length"] else "cut",
+        )
