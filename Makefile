@@ -2,9 +2,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
+WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench format clean
+.PHONY: help demo test check bench docs build format clean
 
 help:  ## list what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 10
@@ -28,8 +29,8 @@ demo: .venv/.installed  ## score the racetrack demonstrations, ask LCoR, write t
 	ssil-data report racetrack -o $(DEMO)/report.html
 	@echo "Open $(DEMO)/report.html in a browser; the scored store is $(DEMO)/datasets."
 
-test: .venv/.installed  ## run the tests
-	$(BIN)/pytest
+test: .venv/.installed  ## run the tests, on WORKERS processes
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile
 
 check: .venv/.installed  ## format, lint, types, import contracts
 	$(BIN)/ruff format --check .
@@ -40,9 +41,16 @@ check: .venv/.installed  ## format, lint, types, import contracts
 bench: .venv/.installed  ## run the benchmarks
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
+docs: .venv/.installed  ## build the manual into site/, for reading without a network
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "Open site/index.html in a browser."
+
+build: .venv/.installed  ## build the wheel and the source archive into dist/
+	$(BIN)/python -m build
+
 format: .venv/.installed  ## format and sort imports
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:  ## remove what was made, but not the datasets
-	rm -rf .venv $(DEMO) .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv $(DEMO) site dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -17,48 +17,57 @@ app = App(
     help="Which of my demonstrations can I trust? Leverage and LCoR for imitation learning.",
     version=version("ssil-data"),
 )
+app.register_install_completion_command(
+    help="Install completion of commands and options for your shell (bash, zsh, fish)."
+)
 
 _COMMANDS = {
-    "datasets": ("data:datasets", "List the datasets of the store."),
-    "import": ("data:import_file", "Import demonstrations from an npz, CSV or Parquet file."),
-    "validate": ("data:validate", "Check that every file of a dataset is as it was written."),
-    "score": ("leverage:score", "Give every pair of a dataset a leverage in [0, 1]."),
-    "show": ("leverage:show", "Show leverage by quality tier, and how well it ranks quality."),
-    "lcor": ("lcor:lcor", "Ask how good the neighbourhood of states is."),
-    "report": ("leverage:report", "Write one offline HTML page about a dataset's runs."),
+    "ssil_data.commands": {
+        "example": ("example:example", "Write a small sample dataset to try the commands on."),
+        "datasets": ("data:datasets", "List the datasets of the store."),
+        "card": ("data:card", "Print the card of a dataset: where it comes from."),
+        "import": ("data:import_file", "Import demonstrations from an npz, CSV or Parquet file."),
+        "validate": ("data:validate", "Check that no file of a dataset has changed."),
+        "delete": ("data:delete", "Delete a dataset with its runs."),
+        "score": ("leverage:score", "Give every pair of a dataset a leverage in [0, 1]."),
+        "show": ("leverage:show", "Compare runs: leverage by tier, and how well it ranks quality."),
+        "lcor": ("lcor:lcor", "Compute LCoR: the mean leverage of the demonstrations near states."),
+        "report": ("leverage:report", "Write one offline HTML page about a dataset's runs."),
+    },
+    "ssil_service": {
+        "serve": ("server.command:serve", "Serve leverage and LCoR over REST."),
+    },
+    "ssil_trainers": {
+        "collect": ("commands.collect:collect", "Drive a simulator and store the demonstrations."),
+        "train": ("commands.train:train", "Train a policy: GAIL, MixGAIL, SSIL, cloning."),
+        "evaluate": ("commands.evaluate:evaluate", "Drive the real environment by a policy file."),
+        "reproduce": (
+            "experiments.reproduce:reproduce",
+            "Run the paper's tables again and compare them with its claims.",
+        ),
+    },
 }
+"""Package → command → its function and one line of help. A function is imported when it is called,
+so that `--help` is quick and a command of a package that is not installed can say so."""
 
-for _name, (_where, _help) in _COMMANDS.items():
-    app.command(f"ssil_data.commands.{_where}", name=_name, help=_help)
-app.command(
-    "ssil_trainers.commands.collect:collect",
-    name="collect",
-    help="Drive, and write the demonstrations as a dataset.",
-)
-app.command(
-    "ssil_service.server.command:serve",
-    name="serve",
-    help="Serve leverage and LCoR over REST.",
-)
-app.command(
-    "ssil_trainers.commands.train:train", name="train", help="Train a policy: GAIL, MixGAIL, SSIL."
-)
-app.command(
-    "ssil_trainers.commands.evaluate:evaluate",
-    name="evaluate",
-    help="Drive the real environment by a policy file.",
-)
-app.command(
-    "ssil_trainers.experiments.reproduce:reproduce",
-    name="reproduce",
-    help="Run the paper's tables again, with controls, a ledger of its claims and one page.",
-)
+for _package, _commands in _COMMANDS.items():
+    for _name, (_function, _help) in _commands.items():
+        app.command(f"{_package}.{_function}", name=_name, help=_help)
 
 
 def main(words: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line, or the words of one.
+    """Run the command line.
 
-    Exit status: 0 fine, 1 a check found something, 2 the caller's mistake.
+    Parameters
+    ----------
+    words:
+        The arguments, without the program's name. None takes those of this process.
+
+    Raises
+    ------
+    SystemExit
+        Always, with the exit status: 0 fine, 1 a check found something, 2 the caller's mistake,
+        130 stopped by the keyboard.
     """
     words = sys.argv[1:] if words is None else list(words)
     try:
@@ -73,7 +82,7 @@ def main(words: Sequence[str] | None = None) -> NoReturn:
         if not isinstance(missing, ModuleNotFoundError):
             raise
         raise _refusal(
-            f"{words[0]}: expected the package {missing.name!r}, found none; "
+            f"{words[0]}: the package {missing.name!r} is not installed; "
             "pip install 'ssil-data[all]'"
         ) from None
     except BrokenPipeError:
@@ -88,12 +97,13 @@ def main(words: Sequence[str] | None = None) -> NoReturn:
 
 
 def _check_command(words: Sequence[str]) -> None:
-    """Refuse an unknown command before the parser imports every command to explain it."""
+    """Refuse an unknown command here: the parser would import every command to explain it."""
     commands = [name for name in app if not name.startswith("-")]
     if words and not words[0].startswith("-") and words[0] not in commands:
         raise InvalidInputError(f"command: expected one of {commands}, found {words[0]!r}")
 
 
 def _refusal(message: str) -> SystemExit:
+    """Print a message for the caller's mistake and return the end of the process to raise."""
     print(f"ssil-data: {message}", file=sys.stderr)
     return SystemExit(2)

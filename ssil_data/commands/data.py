@@ -1,13 +1,14 @@
-"""Commands about datasets: list, import, validate."""
+"""Commands about datasets: datasets, import, validate, card, delete."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
+from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_data.errors import DamagedError, InvalidInputError
 from ssil_data.interop import Columns, Imported, Layout, import_episodes, read_columns
 from ssil_data.store.dataset import Dataset
@@ -15,15 +16,15 @@ from ssil_data.store.dataset import Dataset
 _Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
 
 
-def datasets(*, place: StorePlace = Place(), json: AsJson = False) -> None:  # noqa: B008
+def datasets(*, location: StoreOption = StoreLocation(), json: AsJson = False) -> None:  # noqa: B008
     """List the datasets of the store."""
-    rows = [_summary(dataset) for dataset in place.open()]
+    rows = [summarize_dataset(dataset) for dataset in location.open()]
     if json:
         print_json({"datasets": rows})
     elif rows:
-        print_table(f"Datasets in {place.store}", rows)
+        print_table(f"Datasets in {location.store}", rows)
     else:
-        print(f"No datasets in {place.store}")
+        print(f"No datasets in {location.store}")
 
 
 def import_file(
@@ -41,13 +42,13 @@ def import_file(
     score: str | None = None,
     tier: str | None = None,
     append: Annotated[bool, Parameter(negative=())] = False,
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
     json: AsJson = False,
 ) -> None:
     """Import demonstrations from an npz, CSV or Parquet file as a new dataset.
 
-    Columns of the names states, actions, episode, reward, position, score, tier and labeled
-    are found without being named. Everything is checked before anything is written.
+    Columns called states, actions, episode, reward, position, score, tier and labeled are found
+    without being named. The whole file is checked before anything is written.
 
     Parameters
     ----------
@@ -60,22 +61,23 @@ def import_file(
     action:
         Columns, or arrays, that make the action, in this order.
     episode:
-        Column whose value tells episodes apart; rows of one are adjacent. Without: one episode.
+        Column with one value per episode, whose rows are adjacent. Without it, the file is one
+        episode.
     labeled:
-        Which episodes are known to be expert: values of the episode column (3 7 or 0-9), all, or
-        the name of a column of true and false.
+        Which episodes an expert drove: values of the episode column (3 7 or 0-9), "all", or the
+        name of a column of true and false.
     step:
         Column that must rise by one within an episode.
     reward:
         Column of true rewards, for evaluation only.
     position:
-        Two columns, x and y in metres, for maps only.
+        Two columns, x and y in meters, for maps only.
     score:
-        Column of an episode's true quality, for evaluation only; without it, the return.
+        Column of an episode's true quality, for evaluation only; without it, the sum of rewards.
     tier:
-        Column of an episode's quality tier, "expert" for the best, for evaluation only.
+        Column of an episode's quality tier, "expert" for the best one, for evaluation only.
     append:
-        Add the episodes to a dataset that exists, as its next version.
+        Add the episodes to an existing dataset, as its next version.
     """
     columns = read_columns(file)
     layout = Layout(
@@ -90,7 +92,7 @@ def import_file(
         labeled=labeled,
     )
     found = import_episodes(columns, layout)
-    store = place.open()
+    store = location.open()
     if append:
         with store.open_for_writing(name) as before:
             dataset = _refuse_other_names(before, found).append(found.episodes)
@@ -102,7 +104,7 @@ def import_file(
             action_names=found.action_names,
             card=_card(name, columns, found),
         )
-    row = _summary(dataset)
+    row = summarize_dataset(dataset)
     if json:
         print_json(row)
         return
@@ -111,8 +113,8 @@ def import_file(
         print("No episode is labeled: `ssil-data score` needs at least one (--labeled).")
 
 
-def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False) -> int:  # noqa: B008
-    """Read every file of a dataset and report what is not as it was written.
+def validate(name: str, /, *, location: StoreOption = StoreLocation(), json: AsJson = False) -> int:  # noqa: B008
+    """Read every file of a dataset and report what has changed since it was written.
 
     Exit status 1 if anything is damaged.
 
@@ -121,10 +123,12 @@ def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False)
     name:
         The dataset.
     """
-    store, version = place.open(), None
+    store = location.open()
+    version = None
     try:
         dataset = store[name]
-        version, damaged = dataset.version, dataset.find_damage()
+        version = dataset.version
+        damaged = dataset.find_damage()
     except DamagedError as error:
         damaged = [str(error)]
     if json:
@@ -136,7 +140,59 @@ def validate(name: str, /, *, place: StorePlace = Place(), json: AsJson = False)
     return 1 if damaged else 0
 
 
-def _summary(dataset: Dataset) -> dict[str, str | int]:
+def card(name: str, /, *, location: StoreOption = StoreLocation()) -> None:  # noqa: B008
+    """Print the card of a dataset, Markdown: where its demonstrations come from.
+
+    Parameters
+    ----------
+    name:
+        The dataset.
+    """
+    print(location.open()[name].card.rstrip())
+
+
+def delete(
+    name: str,
+    /,
+    *,
+    yes: Annotated[bool, Parameter(negative=())] = False,
+    location: StoreOption = StoreLocation(),  # noqa: B008
+) -> int:
+    """Delete a dataset with its runs. This cannot be undone.
+
+    Exit status 1 if the question was not answered with the dataset's name.
+
+    Parameters
+    ----------
+    name:
+        The dataset.
+    yes:
+        Do not ask. Needed where standard input is not a terminal.
+    """
+    store = location.open()
+    row = summarize_dataset(store[name])
+    if not yes and not _confirm_delete(row):
+        print(f"{name} was not deleted")
+        return 1
+    store.delete(name)
+    print(f"Deleted {name}")
+    return 0
+
+
+def _confirm_delete(row: dict[str, str | int]) -> bool:
+    """Ask on the terminal for the dataset's name; refuse where there is no terminal to ask on."""
+    if not sys.stdin.isatty():
+        raise InvalidInputError(
+            f"delete {row['dataset']}: cannot ask for confirmation without a terminal; add --yes"
+        )
+    print(f"Pairs: {row['pairs']:,}. Runs: {row['runs']}.")
+    try:
+        return input("Type its name to delete it: ").strip() == row["dataset"]
+    except EOFError:
+        return False
+
+
+def summarize_dataset(dataset: Dataset) -> dict[str, str | int]:
     return {
         "dataset": dataset.name,
         "version": dataset.version,
@@ -150,7 +206,7 @@ def _summary(dataset: Dataset) -> dict[str, str | int]:
 
 
 def _refuse_other_names(dataset: Dataset, found: Imported) -> Dataset:
-    """Return the dataset if the dimensions to be added have its names, in its order."""
+    """Return the dataset if the new episodes have its state and action names, in its order."""
     for kind, names, have in (
         ("state", found.state_names, dataset.state_names),
         ("action", found.action_names, dataset.action_names),

@@ -20,8 +20,8 @@ from ssil_data.store import Store
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where the demonstrations are.
+class StoreLocation:
+    """Where a command finds its datasets: `--store`, or SSIL_STORE in the environment.
 
     Parameters
     ----------
@@ -36,17 +36,26 @@ class Place:
         return Store(self.store)
 
 
-StorePlace = Annotated[Place, Parameter(name="*")]
+StoreOption = Annotated[StoreLocation, Parameter(name="*")]
 AsJson = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON for machines.")]
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON; never NaN."""
+    """Print a value as JSON on standard output; NaN and infinity are refused."""
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
 def print_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print rows as a table whose columns are the keys of the first; no text is read as markup."""
+    """Print rows as a table on standard output.
+
+    Parameters
+    ----------
+    title:
+        Heading of the table.
+    rows:
+        Mappings with the same keys: the columns are those of the first row. Numbers are aligned
+        right and floats rounded to three places. Text is printed as it is, never read as markup.
+    """
     table = Table(title=Text(title, style="bold"), title_justify="left")
     for name, value in rows[0].items() if rows else ():
         justify = "right" if isinstance(value, int | float) else "left"
@@ -57,7 +66,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def console() -> Console:
-    """Return a console on standard output; wide where it is not a terminal, so nothing is cut."""
+    """Return a console on standard output: 160 columns where it is not a terminal."""
     return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
 
 
@@ -73,9 +82,15 @@ def _format(value: Any) -> str:
 
 @contextmanager
 def progress() -> Iterator[Report]:
-    """Show progress on standard error: bars on a terminal, a line per finished step elsewhere."""
+    """Show progress on standard error: bars on a terminal, a line per finished step elsewhere.
+
+    Yields
+    ------
+    Callable
+        To be called with what is done, how much of it, and how much there is in all.
+    """
     if not sys.stderr.isatty():
-        yield _print_finished
+        yield _print_step
         return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
@@ -89,6 +104,7 @@ def progress() -> Iterator[Report]:
         yield report
 
 
-def _print_finished(what: str, done: int, of: int) -> None:
+def _print_step(what: str, done: int, of: int) -> None:
+    """Print a step once it is finished."""
     if done == of:
         print(f"{what}: {of:,} of {of:,}", file=sys.stderr)

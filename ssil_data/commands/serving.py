@@ -1,6 +1,10 @@
-"""Where a command asks: a service at an address, one inside this process, or the store itself.
+"""Opens the store that a command works on: through a service at a URL, or one in this process.
 
-The service is named by its import path, as its subcommand is: the library stands without it.
+Commands that train read their rewards through the service's own client, so that a training job
+does the same thing on one machine and beside a service elsewhere. Without a URL the service is
+embedded: started inside this process, without a socket. Its package is imported by name, because
+the library must also work where the service is not installed; there the store is read directly.
+All three ways give the same numbers, bit for bit.
 """
 
 from __future__ import annotations
@@ -14,28 +18,47 @@ from importlib import import_module
 from tempfile import TemporaryDirectory
 
 from ssil_data.client import RemoteStore, RetryPolicy, connect
-from ssil_data.commands.output import Place
+from ssil_data.commands.output import StoreLocation
 from ssil_data.store import Store
 
-KEY = "SSIL_API_KEY"
-AT_FIRST, LATER = 10.0, 3600.0
-"""Seconds that a service may take to answer: when a command starts, and once it did."""
-_OF_SERVICE = frozenset(
+API_KEY_VARIABLE = "SSIL_API_KEY"
+"""Environment variable with the key for a service at a URL."""
+CONNECT_TIMEOUT = 10.0
+"""Seconds that a service may take to give its first answer, when a command starts."""
+RETRY_TIMEOUT = 3600.0
+"""Seconds that a service may be away or busy afterwards, before a command gives up."""
+SILENT_ATTEMPTS = 4
+"""Attempts before a wait is announced: half a second, or as many waits as the service named."""
+SERVICE_PACKAGES = frozenset(
     {"ssil_service", "fastapi", "starlette", "pydantic", "pydantic_core", "pydantic_settings"}
     | {"prometheus_client", "uvicorn", "h11"}
 )
-"""What an installation without the service lacks; anything else that is missing is a fault."""
-_SILENT = 4
-"""Attempts without a word: half a second of waiting, or as many waits as the service asks for."""
+"""Packages of the `service` extra: if one of them is missing, the service is not installed."""
 
 
 @contextmanager
-def open_store(place: Place, service: str | None) -> Iterator[Store | RemoteStore]:
-    """Open the store behind a service: at the URL `service`, or in this process without one.
+def open_store(location: StoreLocation, service: str | None) -> Iterator[Store | RemoteStore]:
+    """Open the store through a service: the one at a URL, or an embedded one.
 
-    An embedded service writes nothing but what it is asked to write. Where it is not installed, the
-    store itself is opened: the same surface, the same bits. A service at a URL is given the key in
-    SSIL_API_KEY; once it has answered, it may be away for an hour. Raises ServiceError.
+    Parameters
+    ----------
+    location:
+        Where the store is; used when `service` is None.
+    service:
+        URL of a service, which is sent the key in SSIL_API_KEY if there is one. It must answer
+        within ten seconds; afterwards it may be away for an hour, which is announced on standard
+        error. None embeds a service in this process, or reads the store directly where the service
+        is not installed. An embedded service writes to the store only what its client asks for.
+
+    Yields
+    ------
+    Store or RemoteStore
+        The same surface and the same numbers either way.
+
+    Raises
+    ------
+    ServiceError
+        If the service at the URL does not answer, or refuses the key.
     """
     if service is not None:
         with _connect(service) as store:
@@ -44,33 +67,42 @@ def open_store(place: Place, service: str | None) -> Iterator[Store | RemoteStor
     try:
         embed = import_module("ssil_service").embed
     except ModuleNotFoundError as error:
-        if error.name not in _OF_SERVICE:
+        if error.name not in SERVICE_PACKAGES:
             raise
-        yield place.open()
+        yield location.open()
         return
     with (
         TemporaryDirectory() as state,
-        embed(place.store, state=state, read_key=None, write_key=None) as store,
+        embed(location.store, state=state, read_key=None, write_key=None) as store,
     ):
         yield store
 
 
 @contextmanager
 def _connect(url: str) -> Iterator[RemoteStore]:
-    key, patience = os.environ.get(KEY), _Told(total=LATER, url=url)
-    with connect(url, key, patience=replace(patience, total=AT_FIRST)) as store:
+    """Connect once with a short time-out, to fail early, and then with a long one."""
+    key = os.environ.get(API_KEY_VARIABLE)
+    policy = AnnouncedRetry(total=RETRY_TIMEOUT, url=url)
+    with connect(url, key, retry=replace(policy, total=CONNECT_TIMEOUT)) as store:
         _ = store.limits
-    with connect(url, key, patience=patience) as store:
+    with connect(url, key, retry=policy) as store:
         yield store
 
 
 @dataclass(frozen=True)
-class _Told(RetryPolicy):
-    """Patience that says on standard error that it waits, once for every question."""
+class AnnouncedRetry(RetryPolicy):
+    """A retry policy that says on standard error that it waits, once per request.
+
+    Parameters
+    ----------
+    url:
+        The service, as it is named in the announcement.
+    """
 
     url: str = ""
 
-    def seconds_before(self, attempt: int, asked: float) -> float:
-        if attempt == _SILENT:
+    def seconds_before(self, attempt: int, announced: float) -> float:
+        """Return the seconds before an attempt, after announcing a wait that lasts."""
+        if attempt == SILENT_ATTEMPTS:
             print(f"Waiting for {self.url}, which is busy or away ...", file=sys.stderr, flush=True)
-        return super().seconds_before(attempt, asked)
+        return super().seconds_before(attempt, announced)

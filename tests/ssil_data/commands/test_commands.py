@@ -1,9 +1,11 @@
 """The command does the job from a shell: exit status, JSON, one message for a mistake."""
 
+import io
 import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,9 @@ def scored(shell: Shell) -> Shell:
 
 def test_help_names_every_command(shell: Shell):
     out = shell("--help")
-    for command in ("datasets", "import", "validate", "score", "show", "lcor", "report", "collect"):
+    commands = [name for name in app if not name.startswith("-")]
+    assert len(commands) >= 15
+    for command in (*commands, "--version", "--install-completion"):
         assert command in out
 
 
@@ -197,7 +201,7 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
     ask = ("lcor", "drives", "--run", "gpr", "--states")
     cases = {
         "found 'other'": ("show", "other"),
-        "found ['--preset', '--seed']": (
+        "leave out ['--preset', '--seed']": (
             *("score", "drives", "--fitted", "gpr", "--preset", "paper", "--seed", 7),
         ),
         "expected ['states[0]', 'states[1]', 'states[2]'] as in the dataset": (
@@ -232,6 +236,88 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
     for words in (("score", "drives", "--estimator", "pca"), ("score",), ("nothing",)):
         status, _, _ = scored.run(*words)
         assert status == 2
+
+
+def test_version_is_that_of_the_package(shell: Shell):
+    assert shell("--version").strip() == version("ssil-data")
+
+
+@pytest.mark.parametrize("kind", ["bash", "zsh", "fish"])
+def test_completion_knows_every_command_and_its_options(shell: Shell, kind: str):
+    script = shell.folder / "completion"
+    before = os.environ.get("HOME")
+    os.environ["HOME"] = str(shell.folder)
+    try:
+        shell("--install-completion", "--shell", kind, "--output", script)
+    finally:
+        if before is not None:
+            os.environ["HOME"] = before
+    text = script.read_text()
+    for name in app:
+        if not name.startswith("-"):
+            assert name in text
+    assert "contributors" in text
+
+
+def test_the_example_can_be_scored_shown_and_reported_at_once(shell: Shell):
+    row = shell.json("example", "--name", "tried")
+    assert (row["dataset"], row["pairs"], row["episodes"]) == ("tried", 14_350, 51)
+    assert row["labeled"] == 1_200
+    shell("score", "tried", "--estimator", "vae")
+    (run,) = shell.json("show", "tried")["runs"]
+    assert run["auroc"] > 0.95
+    means = run["mean_leverage_by_tier"]
+    assert means["0-25"] < means["25-50"] < means["50-75"] < means["expert"]
+    shell("report", "tried", "-o", shell.folder / "tried.html")
+    assert (shell.folder / "tried.html").stat().st_size > 100_000
+    assert "'tried'" in shell.refused("example", "--name", "tried")
+    assert "ssil-data score racetrack-example" in shell("example")
+
+
+def test_card_prints_where_the_demonstrations_come_from(scored: Shell):
+    out = scored("card", "drives")
+    assert out.startswith("# drives\n")
+    assert "Imported from `drives.npz`: 11 episodes" in out
+    assert "found 'other'" in scored.refused("card", "other")
+
+
+class Terminal(io.StringIO):
+    """Standard input that is a terminal, with what a person types."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_delete_with_yes_deletes_the_dataset_and_its_runs(scored: Shell):
+    assert scored("delete", "drives", "--yes") == "Deleted drives\n"
+    assert scored.json("datasets") == {"datasets": []}
+    assert not (scored.folder / "store" / "drives").exists()
+
+
+def test_delete_without_a_terminal_and_without_yes_is_refused(
+    scored: Shell, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("drives\n"))
+    assert "add --yes" in scored.refused("delete", "drives")
+    assert "found 'other'" in scored.refused("delete", "other", "--yes")
+
+
+@pytest.mark.parametrize("typed", ["", "\n", "y\n", "other\n"])
+def test_delete_keeps_the_dataset_unless_its_name_is_typed(
+    scored: Shell, monkeypatch: pytest.MonkeyPatch, typed: str
+):
+    monkeypatch.setattr(sys, "stdin", Terminal(typed))
+    status, out, _ = scored.run("delete", "drives")
+    assert status == 1
+    assert "Pairs: 420. Runs: 1." in out
+    assert "drives was not deleted" in out
+    assert [d["dataset"] for d in scored.json("datasets")["datasets"]] == ["drives"]
+
+
+def test_delete_asks_for_the_name_on_a_terminal(scored: Shell, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sys, "stdin", Terminal("drives\n"))
+    assert "Deleted drives" in scored("delete", "drives")
+    assert scored.json("datasets") == {"datasets": []}
 
 
 def test_scoring_without_a_labeled_episode_says_so(shell: Shell):
