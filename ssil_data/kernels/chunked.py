@@ -1,7 +1,7 @@
-"""LCoR's sums in plain torch, block by block: the engine for any host and any device of torch's.
+"""LCoR's sums in plain torch, block by block: for any processor and any of torch's devices.
 
-The last bits of an answer may change with the number of queries asked at once and of torch's
-threads: so do its matrix products.
+The last bits of an answer may depend on how many queries the call has and how many threads torch
+uses, because those of torch's matrix products do.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from ssil_data.errors import InvalidInputError
 from ssil_data.kernels.rows import Rows
 from ssil_data.kernels.sums import Sums
 
-_QUERIES, _STATES = 64, 8192
-"""Distances that a block holds on a processor; an accelerator gets 64 times as many."""
-_AT_ONCE = 1 << 20
+BLOCK_QUERIES = 64
+BLOCK_STATES = 8192
+"""A block of distances on a processor; on an accelerator each side is 8 times as long."""
+CHUNK_ROWS = 1 << 20
+"""States that are read and copied to the device at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tensors:
-    """Centered states (n, d), n ≥ 1, and leverage (n,) on a device.
+    """Centered states (n, d) float32, n ≥ 1, and leverages (n,) float64 on one of torch's devices.
 
-    Distances are float32, sums float64.
+    Distances are computed in float32, sums in float64.
     """
 
     states: torch.Tensor
@@ -41,46 +43,62 @@ class Tensors:
         leverage: NDArray[np.float32],
         device: str = "cpu",
     ) -> Tensors:
-        """Bring states (n, d), minus `center` (d,), to a device; they are read in parts.
+        """Copy states to a device; they are read in parts.
 
-        Raises InvalidInputError for a device that torch cannot use.
+        Parameters
+        ----------
+        states
+            States (n, d).
+        center
+            Subtracted from the states, (d,).
+        leverage
+            Leverages (n,).
+        device
+            Name of the device in torch's words, such as "cpu" or "cuda:0".
+
+        Raises
+        ------
+        InvalidInputError
+            If torch cannot use that device.
         """
         count, width = states.shape
         try:
-            held = torch.empty((count, width), dtype=torch.float32, device=device)
+            copied = torch.empty((count, width), dtype=torch.float32, device=device)
         except (AssertionError, RuntimeError) as error:
             reason = str(error).splitlines()[0]
-            raise InvalidInputError(
-                f"device: expected one that torch can use, found {device!r}: {reason}"
-            ) from None
-        for i in range(0, count, _AT_ONCE):
-            held[i : i + _AT_ONCE] = _tensor(states[i : i + _AT_ONCE] - center)
-        return cls(held, _tensor(leverage).to(device).double())
+            raise InvalidInputError(f"device: torch cannot use {device!r}: {reason}") from None
+        for i in range(0, count, CHUNK_ROWS):
+            copied[i : i + CHUNK_ROWS] = _to_tensor(states[i : i + CHUNK_ROWS] - center)
+        return cls(copied, _to_tensor(leverage).to(device).double())
 
     def sums(self, queries: NDArray[np.float32], *, alpha: float, contributors: int = 0) -> Sums:
-        """Return the sums of equation 5 for centered queries (m, d).
+        """Return the sums of equation 5.
 
-        With fewer states than contributors, all states contribute.
+        Parameters
+        ----------
+        queries
+            Centered queries (m, d).
+        alpha
+            Sharpness of the kernel, > 0.
+        contributors
+            How many of the heaviest states to name; all, if there are fewer.
         """
         growth = 1 if self.states.device.type == "cpu" else 8
-        block = max(_STATES * growth, contributors)
-        columns = [
-            reduce(
-                add,
-                (
-                    self._block(part, slice(i, i + block), alpha, contributors)
-                    for i in range(0, len(self.states), block)
-                ),
-            )
-            for part in np.split(queries, range(_QUERIES * growth, len(queries), _QUERIES * growth))
-        ]
-        return Sums.join(columns)
+        rows = max(BLOCK_STATES * growth, contributors)
+        blocks = [slice(i, i + rows) for i in range(0, len(self.states), rows)]
+        cuts = range(BLOCK_QUERIES * growth, len(queries), BLOCK_QUERIES * growth)
+        return Sums.join(
+            [
+                reduce(add, (self._sum_block(part, block, alpha, contributors) for block in blocks))
+                for part in np.split(queries, cuts)
+            ]
+        )
 
-    def _block(
+    def _sum_block(
         self, queries: NDArray[np.float32], chosen: slice, alpha: float, contributors: int
     ) -> Sums:
-        asked = _tensor(queries).to(self.states.device)
-        distance = torch.cdist(asked, self.states[chosen], p=1.0)
+        there = _to_tensor(queries).to(self.states.device)
+        distance = torch.cdist(there, self.states[chosen], p=1.0)
         log_kernel = torch.log1p(distance.double() / alpha) * (-(alpha + 1) / 2)
         log_scale = log_kernel.max(dim=1).values
         weights = torch.exp(log_kernel - log_scale[:, None])
@@ -103,11 +121,25 @@ def moments(
     *,
     alpha: float,
 ) -> NDArray[np.float64]:
-    """Return `SampleMoments.products` (15, m) of states (n, d) about queries (m, d)."""
-    powers = _tensor(leverage).double()[:, None] ** torch.arange(3)
+    """Return the `products` of `SampleMoments`, (15, m): what the compiled code's `MOMENTS` are.
+
+    Parameters
+    ----------
+    queries
+        Centered queries (m, d).
+    states
+        Centered states (n, d) of the sample.
+    leverage
+        Their leverages (n,), less the mean.
+    distance
+        Mean distance d₀ of each query to all references, (m,).
+    alpha
+        Sharpness of the kernel, > 0.
+    """
+    powers = _to_tensor(leverage).double()[:, None] ** torch.arange(3)
     columns = []
-    for rows in np.array_split(np.arange(len(queries)), -(-len(queries) // _QUERIES)):
-        found = torch.cdist(_tensor(queries[rows]), _tensor(states), p=1.0).double()
+    for rows in np.array_split(np.arange(len(queries)), -(-len(queries) // BLOCK_QUERIES)):
+        found = torch.cdist(_to_tensor(queries[rows]), _to_tensor(states), p=1.0).double()
         start = torch.from_numpy(distance[rows, None])
         u = (found - start) / (alpha + start)
         w = torch.exp(torch.log1p(u) * (-(alpha + 1) / 2))
@@ -124,13 +156,25 @@ def lcor_sums(
     alpha: float,
     contributors: int = 0,
 ) -> Sums:
-    """Return the sums of equation 5 for queries (m, d) over states (n, d), n ≥ 1, brought for once.
+    """Return the sums of equation 5 over states that are needed for this call alone.
 
-    States and queries are standardized already; leverage is (n,).
+    Parameters
+    ----------
+    queries
+        Queries (m, d), standardized.
+    states
+        States (n, d), n ≥ 1, standardized.
+    leverage
+        Leverages (n,).
+    alpha
+        Sharpness of the kernel, > 0.
+    contributors
+        How many of the heaviest states to name.
     """
-    held = Tensors.of(states, np.zeros(states.shape[1], np.float32), leverage)
-    return held.sums(queries, alpha=alpha, contributors=contributors)
+    tensors = Tensors.of(states, np.zeros(states.shape[1], np.float32), leverage)
+    return tensors.sums(queries, alpha=alpha, contributors=contributors)
 
 
-def _tensor(array: NDArray[np.float32]) -> torch.Tensor:
+def _to_tensor(array: NDArray[np.float32]) -> torch.Tensor:
+    """Share the memory of an array where torch can; it warns of arrays it may not write."""
     return torch.from_numpy(np.require(array, requirements=["W", "C"]))

@@ -22,12 +22,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
 
-MIN_ALPHA, MAX_ALPHA = 1e-6, 1e8
-"""Between them log k(d) is finite and exact for every distance; beyond, k no longer changes."""
+MIN_ALPHA = 1e-6
+MAX_ALPHA = 1e8
+"""Between these two, log k(d) is finite and exact for every distance; beyond, k stays the same."""
 
 
 def check_alpha(alpha: float) -> float:
-    """Return an α of MIN_ALPHA to MAX_ALPHA; raises InvalidInputError for anything else."""
+    """Return α if it is within MIN_ALPHA and MAX_ALPHA.
+
+    Parameters
+    ----------
+    alpha
+        Sharpness of the kernel; the larger, the less do distant references count.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not finite, not positive, or out of that range.
+    """
     if not (np.isfinite(alpha) and alpha > 0):
         raise InvalidInputError(f"alpha: expected a finite number > 0, found {alpha}")
     if not MIN_ALPHA <= alpha <= MAX_ALPHA:
@@ -38,27 +50,54 @@ def check_alpha(alpha: float) -> float:
 
 
 def log_kernel(distance: ArrayLike, alpha: float) -> NDArray[np.float64]:
-    """Return log k(d) ≤ 0 for distances ≥ 0 of any shape."""
+    """Return log k(d) ≤ 0: 0 at distance 0, the less the farther.
+
+    Source: Lee et al., the kernel of equations 2 and 5.
+
+    Parameters
+    ----------
+    distance
+        Distances ≥ 0, of any shape.
+    alpha
+        Sharpness of the kernel, > 0.
+
+    Returns
+    -------
+    NDArray
+        Of the shape of `distance`.
+    """
     distances = np.asarray(distance, np.float64)
     return -(alpha + 1) / 2 * np.log1p(distances / alpha)
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """What CoR needs of a set of states: their mean (d,) and the trace of their covariance."""
+    """All that CoR needs of a set of states: their mean (d,) and the trace of their covariance."""
 
     mean: NDArray[np.float64]
     trace: float
 
     @classmethod
     def of(cls, states: ArrayLike) -> Moments:
-        """Summarize states (n, d), n ≥ 1."""
+        """Summarize states.
+
+        Parameters
+        ----------
+        states
+            States (n, d), n ≥ 1.
+        """
         values = np.asarray(states, np.float64)
         return cls(values.mean(axis=0), float(values.var(axis=0).sum()))
 
     @classmethod
     def of_parts(cls, parts: Iterable[ArrayLike]) -> Moments:
-        """Summarize states that come in parts (·, d), at least one, each of one row at least."""
+        """Summarize states that come in parts.
+
+        Parameters
+        ----------
+        parts
+            States (·, d), at least one part, each of at least one row.
+        """
         counted = [(len(values := np.asarray(part)), cls.of(values)) for part in parts]
         weights = np.array([count for count, _ in counted], np.float64)
         weights /= weights.sum()
@@ -68,15 +107,40 @@ class Moments:
         return cls(mean, float(weights @ (traces + np.square(means - mean).sum(axis=1))))
 
     def rms_distance(self, states: ArrayLike) -> NDArray[np.float64]:
-        """Return the root of the mean squared Euclidean distance from each of (m, d), (m,)."""
+        """Return the root of the mean squared Euclidean distance to the states summarized.
+
+        Parameters
+        ----------
+        states
+            Queries (m, d).
+
+        Returns
+        -------
+        NDArray
+            Distances (m,).
+        """
         offset = np.asarray(states, np.float64) - self.mean
         return np.sqrt(np.einsum("md,md->m", offset, offset) + self.trace)
 
 
 def cor(states: ArrayLike, expert: Moments, negative: Moments, alpha: float) -> NDArray[np.float64]:
-    """Return CoR (equation 2) of states (m, d), (m,) in [0, 1].
+    """Return CoR of states: 1 = like the expert's states, 0 = like the negative ones.
 
-    Exchanging expert and negative gives the complement to 1.
+    Exchanging expert and negative gives the complement to 1. Source: Lee et al., equation 2.
+
+    Parameters
+    ----------
+    states
+        Queries (m, d).
+    expert, negative
+        Summaries of the two sets of states.
+    alpha
+        Sharpness of the kernel, > 0.
+
+    Returns
+    -------
+    NDArray
+        CoR (m,) in [0, 1].
     """
     to_expert = log_kernel(expert.rms_distance(states), alpha)
     to_negative = log_kernel(negative.rms_distance(states), alpha)

@@ -1,4 +1,4 @@
-"""Machine code for the processor at hand, without a compiler: LLVM inside the process."""
+"""Machine code for the processor at hand, compiled in this process by LLVM."""
 
 from __future__ import annotations
 
@@ -24,32 +24,33 @@ _SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, *[ctypes.c_size_t] *
 
 @dataclass(frozen=True)
 class Target:
-    """A processor LLVM can write for: its tile, and its name and features in LLVM's terms."""
+    """A processor to write code for: its tile, and its name and features in LLVM's terms."""
 
     tile: Tile
     processor: str
     features: str
 
     def for_one_query(self) -> Target:
-        """Return the target for a lone query: registers hold nothing else."""
+        """Return the target for calls of a single query: a tile of one query."""
         return replace(self, tile=replace(self.tile, queries=1))
 
     @classmethod
     @cache
     def host(cls) -> Target | None:
-        """Return this machine, None where no tile is known or no code may be written."""
+        """Return this machine; None where no tile is known for it, or it runs no generated code."""
         if not _can_run_generated_code():
             return None
         features = llvm.get_host_cpu_features()
-        processor, kind = llvm.get_host_cpu_name(), llvm.get_process_triple().split("-")[0]
+        processor = llvm.get_host_cpu_name()
+        kind = llvm.get_process_triple().split("-")[0]
         # 512-bit vectors even where LLVM would rather keep the clock high
-        described = features.flatten() + ",-prefer-256-bit"
+        wide = features.flatten() + ",-prefer-256-bit"
         if kind in ("aarch64", "arm64"):
             return cls(NEON, processor, features.flatten())
         if kind != "x86_64":
             return None
         if features.get("avx512f"):
-            return cls(AVX512, processor, described)
+            return cls(AVX512, processor, wide)
         if features.get("avx2") and features.get("fma"):
             return cls(AVX2, processor, features.flatten())
         return GENERIC
@@ -59,12 +60,15 @@ AVX512 = Tile(lanes=16, vectors=4, queries=6)
 AVX2 = Tile(lanes=8, vectors=2, queries=5)
 NEON = Tile(lanes=4, vectors=4, queries=6)
 GENERIC = Target(Tile(lanes=4, vectors=2, queries=4), "", "")
-"""Any 64-bit processor: what its first generation could do."""
+"""Any 64-bit processor: the instructions that the first generation had."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """Compiled sums over `tile`s; calls run without the interpreter's lock."""
+    """A compiled function, of the kind that its other fields say; it runs without Python's lock.
+
+    `engine` owns the memory of `function` and must live as long.
+    """
 
     tile: Tile
     power: Power
@@ -83,14 +87,17 @@ class Code:
         blocks: tuple[int, int],
         exponent: float,
     ) -> None:
-        """Fill some blocks of `sums` and `brackets`: all contiguous, shaped as `tile.emit` says."""
+        """Fill blocks `blocks` (first, after the last) of `sums` and `brackets`, at p = `exponent`.
+
+        All arrays are contiguous and shaped as `tile.emit` says.
+        """
         addresses = (array.ctypes.data for array in (panels, queries, sums, brackets))
         width = queries.shape[1] - 2
         self.function(*addresses, width, len(panels), len(queries), *blocks, exponent)
 
 
 def _can_run_generated_code() -> bool:
-    """Tell whether memory that was written may be run; LLVM dies where a system forbids it."""
+    """Tell whether the system runs memory that was written: where it forbids that, LLVM aborts."""
     if os.name != "posix":
         return True
     page = mmap.mmap(-1, mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
@@ -101,7 +108,19 @@ def _can_run_generated_code() -> bool:
 
 @lru_cache(maxsize=64)  # about 1 MB each
 def compile_code(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
-    """Compile once per process, while in use, what `tile.emit` describes."""
+    """Compile the function that `tile.emit` describes; the latest 64 are remembered.
+
+    Parameters
+    ----------
+    target
+        Processor to write for.
+    power
+        How the kernel's power is computed.
+    products
+        What is added up.
+    direct
+        Whether distances are added up directly, for queries far from the center.
+    """
     with _COMPILING:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()

@@ -1,7 +1,7 @@
-"""Passes of compiled code over packed references, cut into pieces for several threads.
+"""Passes of compiled code over packed references, and how they are cut up for several threads.
 
-A query's answer does not depend on the cut, to the last bit: not on the other queries of the call,
-nor on the number of threads.
+The bits of a query's answer do not depend on the cut: neither on the other queries of the call nor
+on the number of threads. Sums over a block of references are always added up in the same order.
 """
 
 from __future__ import annotations
@@ -22,16 +22,21 @@ from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
 
 _MAX_RELATIVE_DISTANCE = 200.0
-"""Distance from the center, times 1 + 1/α, from which 2 max(a, b) − a − b is too coarse."""
-_TILES_PER_PASS, _MAX_BRACKETS = 32, 1 << 23
-"""Tiles of queries that pass the references together, and brackets that all threads may hold."""
+"""Distance from the center, times 1 + 1/α, from which 2 max(a, b) − a − b cancels too much."""
+_TILES_PER_PASS = 32
+"""Tiles of queries in a pass; while they share a block, it stays in the cache."""
+_MAX_BRACKETS = 1 << 23
+"""Brackets, one for each query and panel, that all threads together keep in memory."""
 _MIN_PAIRS_FOR_THREADS = 1 << 22
-"""Pairs below which threads are not worth their start."""
+"""Pairs of a query and a reference below which starting threads takes longer than it saves."""
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Compiled code, the α that it is to be run at, and the references, for `threads` to share."""
+    """One run of compiled code: the code, the α to run it at, and the references to run it over.
+
+    `threads` share the references.
+    """
 
     code: Code
     alpha: float
@@ -41,56 +46,88 @@ class Pass:
     def __call__(
         self, queries: NDArray[np.float32], distance: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return the code's products (count, m), and the smallest bracket in each panel (m, ·).
+        """Return the code's sums (products, m), and each panel's smallest brackets (m, panels).
 
-        Weights are the kernel relative to that at `distance` d₀ (m,); u is (d − d₀) / (α + d₀).
+        Weights are the kernel relative to that at `distance` d₀ (m,) of each of the centered
+        queries (m, d); u is (d − d₀) / (α + d₀). A bracket stands for a distance, see `distance`.
+        """
+        tile = self.code.tile
+        packed = self._pack(queries, distance)
+        values = self.panels.values
+        blocks = -(-len(values) // tile.panels)
+        sums = np.empty((blocks, len(packed), self.code.products.count, tile.queries))
+        brackets = np.empty((len(packed) * tile.queries, len(values)), np.float32)
+        exponent = (self.alpha + 1) / 2
+
+        def run(part: tuple[int, int]) -> None:
+            self.code(values, packed, sums, brackets, blocks=part, exponent=exponent)
+
+        shards = min(2 * self.threads, blocks) if self.threads > 1 else 1
+        _map_jobs(run, pairwise(i * blocks // shards for i in range(shards + 1)), self.threads)
+        whole = sums.sum(axis=0).transpose(1, 0, 2).reshape(self.code.products.count, -1)
+        return whole[:, : len(queries)], brackets[: len(queries)]
+
+    def _pack(
+        self, queries: NDArray[np.float32], distance: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Return tiles (·, d + 2, queries of a tile): dimensions, and factor and offset of t or u.
+
+        t = factor · bracket + offset. The last tile is filled up with the last query.
         """
         factor = (1 if self.code.direct else 2) / (self.alpha + distance)
         offset = (self.distance(queries, 0) - distance) / (self.alpha + distance)
         columns = [queries, factor[:, None], offset[:, None] + self.code.power.offset]
-        rows, tile = np.concatenate(columns, axis=1, dtype=np.float32), self.code.tile
-        tiles, count = -(-len(rows) // tile.queries), self.code.products.count
-        filled = rows[np.minimum(np.arange(tiles * tile.queries), len(rows) - 1)]
-        packed = np.ascontiguousarray(filled.reshape(tiles, tile.queries, -1).transpose(0, 2, 1))
-        values = self.panels.values
-        blocks = -(-len(values) // tile.panels)
-        sums = np.empty((blocks, tiles, count, tile.queries))
-        brackets = np.empty((tiles * tile.queries, len(values)), np.float32)
-
-        def run(part: tuple[int, int]) -> None:
-            exponent = (self.alpha + 1) / 2
-            self.code(values, packed, sums, brackets, blocks=part, exponent=exponent)
-
-        shards = min(2 * self.threads, blocks) if self.threads > 1 else 1
-        _each(run, pairwise(i * blocks // shards for i in range(shards + 1)), self.threads)
-        whole = sums.sum(axis=0).transpose(1, 0, 2).reshape(count, -1)
-        return whole[:, : len(rows)], brackets[: len(rows)]
+        rows = np.concatenate(columns, axis=1, dtype=np.float32)
+        size = self.code.tile.queries
+        tiles = -(-len(rows) // size)
+        filled = rows[np.minimum(np.arange(tiles * size), len(rows) - 1)]
+        return np.ascontiguousarray(filled.reshape(tiles, size, -1).transpose(0, 2, 1))
 
     def distance(
         self, queries: NDArray[np.float32], bracket: NDArray[np.float32] | float
     ) -> NDArray[np.float64]:
-        """Return the distances that brackets (m,) stand for; rounding may leave them below 0."""
+        """Return the distances that brackets stand for; rounding may leave them below 0.
+
+        Parameters
+        ----------
+        queries
+            Centered queries (m, d).
+        bracket
+            Brackets (m,), one of each query; or one for all.
+        """
         if self.code.direct:
             return np.zeros(len(queries)) + bracket
         return 2.0 * np.asarray(bracket, np.float64) - queries.astype(np.float64).sum(axis=1)
 
 
 class Joinable(Protocol):
-    """Answers to some queries."""
+    """Answers to queries, of which some can be taken and several joined."""
 
     def take(self, rows: NDArray[np.int64]) -> Self:
-        """Return the answers to the queries `rows`, in their order."""
+        """Return the answers to some of the queries.
+
+        Parameters
+        ----------
+        rows
+            Indices of queries, in the order wanted.
+        """
         ...
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return the answers of some parts, one after the other."""
+        """Return the answers of all parts, one after the other.
+
+        Parameters
+        ----------
+        parts
+            Answers to different queries.
+        """
         ...
 
 
 Answer = TypeVar("Answer", bound=Joinable)
-Asked = TypeVar("Asked")
-Found = TypeVar("Found")
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 
 def run_parallel(
@@ -103,11 +140,27 @@ def run_parallel(
     alpha: float,
     threads: int | None,
 ) -> Answer:
-    """Cut centered queries (m, d), m ≥ 1, into parts, a thread for each; join the answers.
+    """Cut queries into parts, answer each in a thread, and join the answers.
 
-    Where there are too few queries for that, threads share the references. `answer` gets the pass
-    to make and the rows of a part. `threads` defaults to all processors that this process may use,
-    where there is work for them.
+    Where there are too few queries for that, the threads share the references.
+
+    Parameters
+    ----------
+    answer
+        Gets the pass to run and the rows of a part of the queries; returns their answers.
+    queries
+        Centered queries (m, d), m ≥ 1.
+    panels
+        The references.
+    products
+        What to add up.
+    target
+        Processor to write code for.
+    alpha
+        Sharpness of the kernel, > 0.
+    threads
+        Threads to share the work; by default all processors that this process may use, where there
+        is work for them.
     """
     threads = threads or (
         _count_processors() if len(queries) * panels.count >= _MIN_PAIRS_FOR_THREADS else 1
@@ -116,12 +169,13 @@ def run_parallel(
         target = target.for_one_query()
     brackets_per_tile = target.tile.queries * len(panels.values)
     tiles = min(_TILES_PER_PASS, max(1, _MAX_BRACKETS // (threads * brackets_per_tile)))
+    # far queries take the distances that are added up directly, see `tile`
     far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _MAX_RELATIVE_DISTANCE
     rows = {direct: np.flatnonzero(far == direct) for direct in (False, True)}
     cuts = {
-        direct: _parts(asked, tiles * target.tile.queries, threads)
-        for direct, asked in rows.items()
-        if len(asked)
+        direct: _cut(chosen, tiles * target.tile.queries, threads)
+        for direct, chosen in rows.items()
+        if len(chosen)
     }
     few = all(len(cut) == 1 for cut in cuts.values())
     parts = []
@@ -129,19 +183,20 @@ def run_parallel(
         code = compile_code(target, Power.of(alpha), products, direct=direct)
         work = Pass(code, alpha, panels, threads if few else 1)
         parts += [(work, chosen) for chosen in cut]
-    whole = _each(lambda part: answer(*part), parts, 1 if few else threads)
+    whole = _map_jobs(lambda part: answer(*part), parts, 1 if few else threads)
     order = np.concatenate([rows for _, rows in parts])
     return type(whole[0]).join(whole).take(np.argsort(order))
 
 
-def _each(work: Callable[[Asked], Found], jobs: Iterable[Asked], threads: int) -> list[Found]:
+def _map_jobs(work: Callable[[Job], Result], jobs: Iterable[Job], threads: int) -> list[Result]:
+    """Return the results of all jobs, in order."""
     if threads == 1:
         return list(map(work, jobs))
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, jobs))
 
 
-def _parts(rows: NDArray[np.int64], most: int, threads: int) -> list[NDArray[np.int64]]:
+def _cut(rows: NDArray[np.int64], most: int, threads: int) -> list[NDArray[np.int64]]:
     """Cut into equal parts of at most `most`; where there are several, as many for each thread."""
     count = -(-len(rows) // most)
     return np.array_split(rows, -(-count // threads) * threads if count > 1 else 1)

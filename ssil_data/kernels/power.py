@@ -1,4 +1,4 @@
-r"""The power w = t^(−p) of a kernel as LLVM instructions: by products, or by a logarithm.
+r"""The power w = t^(−p) of the kernel as LLVM instructions: by products, or by a logarithm.
 
 p = (α + 1)/2 is whole where α is odd: w is then 1/t, squared and multiplied. At large p that
 magnifies the rounding of t and of its reciprocal v, so both are taken back, to the first order:
@@ -28,30 +28,45 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from ssil_data.kernels.instructions import FAST, constant, fmuladd, intrinsic
 
-_LEAST = -62.0
-_TWO_THIRDS, _ONE = 0x3F2AAAAB, 0x3F800000
+_MIN_LOG2_WEIGHT = -62.0
+_TWO_THIRDS = 0x3F2AAAAB
+_ONE = 0x3F800000
+"""The bits of 2/3 and of 1 as float32."""
 _ROUNDER = 1.5 * 2.0**23
-_ROUNDED, _MOST = 8, 100
-"""The largest whole p at which t may be rounded, and at which products are exact enough."""
+"""Adding it to a small float32 and subtracting it again rounds to a whole number."""
+_MAX_ROUNDED = 8
+"""Largest whole p at which t may be rounded."""
+_MAX_WHOLE = 100
+"""Largest whole p at which products are exact enough."""
 
 
 class Power(ABC):
-    """How t^(−p) is computed; equal ones make equal code."""
+    """How t^(−p) is computed; equal ones write equal code.
+
+    Called with a builder and the vector of p, it returns a function that writes w for a vector of
+    its input: t, or u = t − 1 where t would be too coarse.
+    """
 
     @property
     @abstractmethod
     def offset(self) -> float:
-        """Return what its input is more than u: 0 where that is u, 1 where it is t."""
+        """What the input exceeds u by: 0 where it is u, 1 where it is t."""
 
     @abstractmethod
     def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
-        """Return what writes w for a vector of t or u; `exponent` is the vector of p."""
+        """Return a function that writes w for a vector of t or u; `exponent` is the vector of p."""
 
     @staticmethod
     def of(alpha: float) -> Power:
-        """Choose for α."""
+        """Return the quickest way that is exact enough.
+
+        Parameters
+        ----------
+        alpha
+            Sharpness of the kernel, > 0.
+        """
         exponent = (alpha + 1) / 2
-        if exponent in range(1, _MOST + 1):
+        if exponent in range(1, _MAX_WHOLE + 1):
             return Whole(int(exponent))
         return RootCubed() if alpha == 2 else General()
 
@@ -64,13 +79,16 @@ class Whole(Power):
 
     @property
     def offset(self) -> float:
-        """Return 1 where rounding t does no harm."""
-        return 1.0 if self.exponent <= _ROUNDED else 0.0
+        """1 where rounding t does no harm."""
+        return 1.0 if self.exponent <= _MAX_ROUNDED else 0.0
 
     def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
         """Write the power of a reciprocal, 0 where it would be too small."""
-        one, zero = constant(exponent.type, 1.0), constant(exponent.type, 0.0)
-        largest = constant(exponent.type, float(np.float32(2 ** (-_LEAST / self.exponent))))
+        one = constant(exponent.type, 1.0)
+        zero = constant(exponent.type, 0.0)
+        largest = constant(
+            exponent.type, float(np.float32(2 ** (-_MIN_LOG2_WEIGHT / self.exponent)))
+        )
 
         def reciprocal(t: Any) -> Any:
             inverse = b.fdiv(one, t, flags=FAST)
@@ -100,7 +118,7 @@ class RootCubed(Power):
 
     @property
     def offset(self) -> float:
-        """Return 1: its input is t."""
+        """1: the input is t."""
         return 1.0
 
     def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
@@ -121,7 +139,7 @@ class General(Power):
 
     @property
     def offset(self) -> float:
-        """Return 0: its input is u."""
+        """0: the input is u."""
         return 0.0
 
     def __call__(self, b: Any, exponent: Any) -> Callable[[Any], Any]:
@@ -130,10 +148,14 @@ class General(Power):
 
 
 def _log2_1p(b: ir.IRBuilder, u: Any) -> Any:
-    floats, integers = u.type, ir.VectorType(ir.IntType(32), u.type.count)
+    """Write log₂(1 + u) = e + f · P(f), see the head of this module."""
+    floats = u.type
+    integers = ir.VectorType(ir.IntType(32), u.type.count)
     one = constant(floats, 1.0)
     s = b.fadd(one, u)
+    # what rounding 1 + u lost; it goes into f, scaled
     rest = b.fsub(u, b.fsub(s, one))
+    # e from the exponent bits of s, so that m = s · 2^(−e) is from 2/3 to 4/3
     bits = b.bitcast(s, integers)
     shift = constant(integers, 23)
     e = b.ashr(b.sub(bits, constant(integers, _TWO_THIRDS)), shift)
@@ -146,8 +168,11 @@ def _log2_1p(b: ir.IRBuilder, u: Any) -> Any:
 
 
 def _exp2(b: ir.IRBuilder, y: Any) -> Any:
-    floats, integers = y.type, ir.VectorType(ir.IntType(32), y.type.count)
-    rounder, least = constant(floats, _ROUNDER), constant(floats, _LEAST)
+    """Write 2^y = 2^n · Q(y − n), 0 where it would be too small."""
+    floats = y.type
+    integers = ir.VectorType(ir.IntType(32), y.type.count)
+    rounder = constant(floats, _ROUNDER)
+    least = constant(floats, _MIN_LOG2_WEIGHT)
     rounded = b.fadd(y, rounder)
     g = b.fsub(y, b.fsub(rounded, rounder))
     series = _polynomial(b, g, np.exp2, 1 / 2, 6)

@@ -1,4 +1,4 @@
-"""What is added up over pairs of a query and a reference, as LLVM instructions."""
+"""What the compiled code adds up over pairs of a query and a reference."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ssil_data.kernels.instructions import fmuladd
 
 
 class Products(Enum):
-    """Which products of weight w, relative distance u = t − 1 and leverage l; `count` a query.
+    """Which products of weight w, relative distance u = t − 1 and leverage l are added up.
 
     SUMS: l w, w, w², all that LCoR needs. MOMENTS: u, u², w, w u, w², each times 1, l and l², all
-    that a regression of w and l w on 1, l, u and l u needs.
+    that a regression of w and l w on 1, l, u and l u needs. The value is how many sums that is.
     """
 
     SUMS = 3
@@ -21,11 +21,26 @@ class Products(Enum):
 
     @property
     def count(self) -> int:
-        """Return the number of sums to a query."""
+        """Number of sums of a query."""
         return self.value
 
     def add(self, b: Any, totals: Sequence, *, u: Any, w: Any, leverage: Any) -> Sequence:
-        """Write totals + products for vectors of u, w and l; return the new totals."""
+        """Write totals + products.
+
+        Parameters
+        ----------
+        b
+            Builder.
+        totals
+            `count` vectors.
+        u, w, leverage
+            Vectors of the pairs' relative distance, weight and leverage.
+
+        Returns
+        -------
+        Sequence
+            The new totals.
+        """
         if self is Products.SUMS:
             numerator, denominator, squares = totals
             return [

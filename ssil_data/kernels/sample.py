@@ -1,4 +1,4 @@
-"""A random part of the references, packed as it grows, and its moments about queries."""
+"""A random sample of the references, packed as it grows, and its moments about queries."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.kernels.moments import SampleMoments
 from ssil_data.kernels.native import GENERIC, Target
 from ssil_data.kernels.panels import Panels
 from ssil_data.kernels.passes import Pass, run_parallel
 from ssil_data.kernels.products import Products
-from ssil_data.kernels.regression import SampleMoments
 from ssil_data.kernels.rows import Rows
 
 FIRST_PART = 8192
@@ -21,9 +21,24 @@ FIRST_PART = 8192
 
 
 class Sample:
-    """The beginning of a random order of states (n, d) with their leverage (n,).
+    """The beginning of a random order of the references; it is read as far as it is needed.
 
-    It is read when first needed, less `center` and `mean`, and then held.
+    It grows in parts, which stay in memory, packed. Several threads may share it.
+
+    Parameters
+    ----------
+    states
+        References (n, d).
+    leverage
+        Leverages (n,).
+    center
+        Subtracted from the states, (d,).
+    mean
+        Subtracted from the leverages.
+    seed
+        Of the random order.
+    target
+        Processor to write code for; None for plain torch.
     """
 
     def __init__(
@@ -36,8 +51,12 @@ class Sample:
         seed: int,
         target: Target | None,
     ) -> None:
-        self._states, self._leverage, self._center, self._mean = states, leverage, center, mean
-        self._seed, self._target = seed, target
+        self._states = states
+        self._leverage = leverage
+        self._center = center
+        self._mean = mean
+        self._seed = seed
+        self._target = target
         self._size = (target or GENERIC).tile.references
         self._order: NDArray[np.integer] | None = None
         self._parts: list[Panels] = []
@@ -45,11 +64,17 @@ class Sample:
 
     @property
     def max_size(self) -> int:
-        """A quarter of all, in whole panels: beyond it, exact sums are the shorter way."""
+        """A quarter of the references, in whole panels: beyond it, exact sums are faster."""
         return self._states.shape[0] // 4 // self._size * self._size
 
     def round_up(self, size: float) -> int:
-        """Return the smallest number of references of at least `size` that a sample can have."""
+        """Return the smallest size that a sample can have, in whole panels, but at most `max_size`.
+
+        Parameters
+        ----------
+        size
+            References wanted.
+        """
         return min(int(-(-size // self._size)) * self._size, self.max_size)
 
     def moments(
@@ -62,19 +87,31 @@ class Sample:
         alpha: float,
         threads: int | None,
     ) -> SampleMoments:
-        """Return the moments of references `begin` to `end` about centered queries (m, d).
+        """Return the moments of some references of the sample about queries.
 
-        Both are sizes that `whole` gave; weights are relative to the kernel at `distance` (m,).
+        Parameters
+        ----------
+        queries
+            Centered queries (m, d).
+        distance
+            Mean distance d₀ of each query to all references, (m,); weights are relative to it.
+        begin, end
+            First reference of the sample's order, and the one after the last; sizes that `round_up`
+            gave.
+        alpha
+            Sharpness of the kernel, > 0.
+        threads
+            Threads to share the work; None for all processors.
         """
         found = []
         for first, panels in self._grow_to(end):
             low, high = (min(max(place - first, 0), panels.count) for place in (begin, end))
             if low < high:
                 part = panels.part(low // self._size, high // self._size)
-                found.append(self._of(queries, distance, part, alpha, threads))
+                found.append(self._moments_of(queries, distance, part, alpha, threads))
         return reduce(add, found)
 
-    def _of(
+    def _moments_of(
         self,
         queries: NDArray[np.float32],
         distance: NDArray[np.float64],
@@ -104,7 +141,7 @@ class Sample:
         )
 
     def _grow_to(self, end: int) -> list[tuple[int, Panels]]:
-        """Return the parts that hold the first `end` references, and where each begins."""
+        """Return the parts that have the first `end` references, and where each begins."""
         with self._growing:
             if self._order is None:
                 order = np.random.default_rng(self._seed).permutation(self._states.shape[0])

@@ -1,4 +1,4 @@
-"""LCoR over very many references from a random part of them, as exact as was asked for."""
+"""LCoR over very many references from a random sample, as exact as the caller wants it."""
 
 from __future__ import annotations
 
@@ -12,25 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.kernels.estimates import Estimate
+from ssil_data.kernels.moments import Population, SampleMoments
 from ssil_data.kernels.native import Target
 from ssil_data.kernels.references import HOST, MIN_COMPILED_ALPHA, References
-from ssil_data.kernels.regression import Population, SampleMoments, estimate
+from ssil_data.kernels.regression import estimate
 from ssil_data.kernels.rows import Rows, find_center
 from ssil_data.kernels.sample import FIRST_PART, Sample
-from ssil_data.kernels.totals import Totals
+from ssil_data.kernels.totals import DistanceSums, Totals
 
 MIN_STATES_TO_SAMPLE = 8 * FIRST_PART
-"""States below which exact sums are the shorter way."""
+"""References below which exact sums are faster than a sample."""
 _GROWTH = 2**0.5
-"""Samples grow on one ladder, so that an answer depends on its own query alone."""
+"""Samples grow by this factor; sizes are the same for all queries, so none depends on another."""
 
 
 class Sampled:
-    """States (n, d) with their leverage (n,), of which a random part is asked.
+    """References of which a random sample answers, and all of them where that is faster.
 
-    `exact` answers from all of them. Equal seeds draw equal samples, of which the latest is kept,
-    and give equal answers, to the last bit where `References` does: whatever else is asked, and by
-    however many threads. What is to be known of all states is read when it is first needed.
+    Equal seeds draw equal samples, of which the latest stays in memory, and give equal answers, to
+    the last bit where `References` does: whatever other queries the call has, and however many
+    threads share it. The tables over all references are made when they are first needed.
+
+    Parameters
+    ----------
+    states
+        References (n, d), n ≥ 1; they are read in parts.
+    leverage
+        Leverages (n,), ≥ 0.
+    exact
+        Returns the `References` that answer from all of them; called where that is faster.
+    target
+        Processor to write code for; None for plain torch.
     """
 
     def __init__(
@@ -41,9 +53,13 @@ class Sampled:
         *,
         target: Target | None = HOST,
     ) -> None:
-        self._states, self._leverage, self._exact = states, leverage, exact
-        self._center, self._population = find_center(states), Population.of(leverage)
-        self._target, self._lock = target, Lock()
+        self._states = states
+        self._leverage = leverage
+        self._exact = exact
+        self._center = find_center(states)
+        self._population = Population.of(leverage)
+        self._target = target
+        self._lock = Lock()
         self._samples = lru_cache(maxsize=1)(self._draw_sample)
 
     @cached_property
@@ -51,7 +67,7 @@ class Sampled:
         return Totals(self._states, self._leverage, self._center)
 
     def prepare(self) -> Totals:
-        """Read what is to be known of all states, if that is not done yet."""
+        """Make the tables over all references, if they are not made yet."""
         with self._lock:
             return self._totals
 
@@ -64,25 +80,42 @@ class Sampled:
         seed: int = 0,
         threads: int | None = None,
     ) -> Estimate:
-        """Answer queries (m, d) with 99.9 % half-widths of at most `tolerance` > 0.
+        """Estimate LCoR with half-widths (99.9 %) of at most a tolerance.
 
-        The sample grows until it is large enough for a query. Queries that would take more than a
-        quarter of the states are answered exactly, and so are all where that is the shorter way.
+        For each query the sample grows until it is large enough. Queries that would need more than
+        a quarter of the references are answered exactly, and so are all where that is faster.
+
+        Parameters
+        ----------
+        queries
+            Queries (m, d), in the units of the references.
+        alpha
+            Sharpness of the kernel, > 0.
+        tolerance
+            Largest half-width, > 0, in units of leverage.
+        seed
+            Of the sample.
+        threads
+            Threads to share the work; None for all processors.
         """
         if self._exact_is_faster(queries, alpha):
             return self._answer_exactly(queries, alpha, threads)
-        asked = self._estimate_queries(queries, alpha, seed, threads)
-        found, left = Estimate.empty(len(queries)), np.arange(len(queries))
-        exactly, size = [], asked.sample.round_up(FIRST_PART)
+        estimates = self._estimate_queries(queries, alpha, seed, threads)
+        sample = estimates.sample
+        found = Estimate.empty(len(queries))
+        left = np.arange(len(queries))
+        too_many: list[NDArray[np.int64]] = []
+        size = sample.round_up(FIRST_PART)
         while len(left):
-            answer = asked.estimate_with(size, left)
+            answer = estimates.estimate_with(size, left)
             need = answer.required_size(tolerance, size, self._population.count)
-            done, hopeless = need <= size, ~(need <= asked.sample.max_size)
+            done = need <= size
+            hopeless = ~(need <= sample.max_size)
             found.write(left[done], answer.take(done))
-            exactly.append(left[hopeless & ~done])
+            too_many.append(left[hopeless & ~done])
             left = left[~done & ~hopeless]
-            size = asked.sample.round_up(size * _GROWTH)
-        rows = np.concatenate(exactly)
+            size = sample.round_up(size * _GROWTH)
+        rows = np.concatenate(too_many)
         if len(rows):
             found.write(rows, self._answer_exactly(queries[rows], alpha, threads))
         return found
@@ -96,28 +129,43 @@ class Sampled:
         seed: int = 0,
         threads: int | None = None,
     ) -> Estimate:
-        """Answer queries (m, d) from as large a sample as `seconds` allow, exactly if they do.
+        """Estimate LCoR from as large a sample as the time allows; exactly, if it allows that.
 
-        Every sample has `FIRST_PART` states at least; what is to be known of all states is not in the
-        time. An answer that too few of a sample decide has the widest half-width there is: to the
-        farther end of the leverage.
+        The sample has at least `FIRST_PART` references, however short the time. An estimate that
+        too few references of the sample decide gets the widest half-width there is: to the farther
+        end of leverage.
+
+        Parameters
+        ----------
+        queries
+            Queries (m, d), in the units of the references.
+        alpha
+            Sharpness of the kernel, > 0.
+        seconds
+            Time for this call, > 0; what `prepare` takes is not in it.
+        seed
+            Of the sample.
+        threads
+            Threads to share the work; None for all processors.
         """
-        left = np.arange(len(queries))
+        rows = np.arange(len(queries))
         if self._exact_is_faster(queries, alpha):
             return self._answer_exactly(queries, alpha, threads)
-        asked = self._estimate_queries(queries, alpha, seed, threads)
+        estimates = self._estimate_queries(queries, alpha, seed, threads)
+        sample = estimates.sample
         begin = time.perf_counter()
-        size = asked.sample.round_up(FIRST_PART)
-        answer = asked.estimate_with(size, left)
-        while size < asked.sample.max_size:
+        size = sample.round_up(FIRST_PART)
+        answer = estimates.estimate_with(size, rows)
+        while size < sample.max_size:
             spent = time.perf_counter() - begin
             affordable = size * seconds / spent
             if affordable > self._population.count:
                 return self._answer_exactly(queries, alpha, threads)
-            larger = asked.sample.round_up(min(2 * size, affordable))
+            larger = sample.round_up(min(2 * size, affordable))
             if larger <= size:
                 break
-            size, answer = larger, asked.estimate_with(larger, left)
+            size = larger
+            answer = estimates.estimate_with(size, rows)
         widest = self._population.farthest(answer.values)
         return replace(
             answer,
@@ -134,12 +182,34 @@ class Sampled:
         seed: int = 0,
         threads: int | None = None,
     ) -> Estimate:
-        """Answer queries (m, d) from a sample of about `size` states, whatever that gives."""
-        asked = self._estimate_queries(queries, alpha, seed, threads)
-        return asked.estimate_with(asked.sample.round_up(size), np.arange(len(queries)))
+        """Estimate LCoR from a sample of a given size, however exact that is.
+
+        Parameters
+        ----------
+        queries
+            Queries (m, d), in the units of the references.
+        alpha
+            Sharpness of the kernel, > 0.
+        size
+            References in the sample; rounded up to whole panels, at most a quarter of all.
+        seed
+            Of the sample.
+        threads
+            Threads to share the work; None for all processors.
+        """
+        estimates = self._estimate_queries(queries, alpha, seed, threads)
+        return estimates.estimate_with(estimates.sample.round_up(size), np.arange(len(queries)))
 
     def deviation(self, queries: NDArray[np.float32], *, alpha: float) -> float:
-        """Return the standard deviation of LCoR over queries (m, d), noise of samples taken off."""
+        """Return the standard deviation of LCoR over queries, less the noise of sampling.
+
+        Parameters
+        ----------
+        queries
+            Queries (m, d), in the units of the references.
+        alpha
+            Sharpness of the kernel, > 0.
+        """
         if self._exact_is_faster(queries, alpha):
             return float(self._answer_exactly(queries, alpha, None).values.std())
         found = self.estimate_of_size(queries, alpha=alpha, size=4 * FIRST_PART)
@@ -149,11 +219,8 @@ class Sampled:
         return float(np.sqrt(max(variance, 0.0)))
 
     def _exact_is_faster(self, queries: NDArray[np.float32], alpha: float) -> bool:
-        return (
-            not len(queries)
-            or self._population.count < MIN_STATES_TO_SAMPLE
-            or alpha < MIN_COMPILED_ALPHA
-        )
+        few = not len(queries) or self._population.count < MIN_STATES_TO_SAMPLE
+        return few or alpha < MIN_COMPILED_ALPHA
 
     def _draw_sample(self, seed: int) -> Sample:
         mean = self._population.mean
@@ -164,40 +231,56 @@ class Sampled:
     def _estimate_queries(
         self, queries: NDArray[np.float32], alpha: float, seed: int, threads: int | None
     ) -> _QueryEstimates:
-        totals = self.prepare()
+        tables = self.prepare()
         with self._lock:
             sample = self._samples(seed)
         centered = np.ascontiguousarray(queries - self._center)
-        return _QueryEstimates(sample, totals, self._population, centered, alpha, threads)
+        return _QueryEstimates(
+            sample,
+            self._population,
+            centered,
+            totals=tables(centered),
+            alpha=alpha,
+            threads=threads,
+        )
 
     def _answer_exactly(
         self, queries: NDArray[np.float32], alpha: float, threads: int | None
     ) -> Estimate:
         sums = self._exact().sums(queries, alpha=alpha, threads=threads)
-        size, none = sums.effective_sample_size, np.zeros(len(queries))
-        return Estimate(sums.values, none, none, size, size, none)
+        size = sums.effective_sample_size
+        zeros = np.zeros(len(queries))
+        return Estimate(sums.values, zeros, zeros, size, size, zeros)
 
 
 class _QueryEstimates:
-    """Queries and what a growing sample has told of them so far."""
+    """Centered queries (m, d) and the moments about them of the sample so far."""
 
     def __init__(
         self,
         sample: Sample,
-        totals: Totals,
         population: Population,
         queries: NDArray[np.float32],
+        *,
+        totals: DistanceSums,
         alpha: float,
         threads: int | None,
     ) -> None:
-        self.sample, self._population, self._queries = sample, population, queries
-        self._alpha, self._threads = alpha, threads
-        self._totals = totals(queries)
-        self._distance = self._totals.plain / population.count
-        self._seen, self._size = SampleMoments.zero(len(queries)), 0
+        self.sample = sample
+        self._population = population
+        self._queries = queries
+        self._totals = totals
+        self._alpha = alpha
+        self._threads = threads
+        self._distance = totals.plain / population.count
+        self._moments = SampleMoments.zero(len(queries))
+        self._size = 0
 
     def estimate_with(self, size: int, rows: NDArray[np.int64]) -> Estimate:
-        """Let the sample grow to `size` for the queries `rows`, and answer them."""
+        """Estimate the queries `rows` from a sample of `size`, which must not shrink.
+
+        Queries that are left out once must not come back: their moments are not kept up.
+        """
         grown = self.sample.moments(
             self._queries[rows],
             self._distance[rows],
@@ -206,8 +289,8 @@ class _QueryEstimates:
             alpha=self._alpha,
             threads=self._threads,
         )
-        self._seen.sample[:] += grown.sample
-        self._seen.products[:, rows] += grown.products
+        self._moments.sample[:] += grown.sample
+        self._moments.products[:, rows] += grown.products
         self._size = size
         totals = self._totals.take(rows)
-        return estimate(self._seen.take(rows), totals, self._population, self._alpha)
+        return estimate(self._moments.take(rows), totals, self._population, self._alpha)

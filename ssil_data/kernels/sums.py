@@ -1,4 +1,4 @@
-"""The sums that make an LCoR answer; sums over shards of a store add up to the store's."""
+"""The sums over references of which LCoR is the ratio; sums over shards of a store add up."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Σ l_j w_j, Σ w_j and Σ w_j² with w_j = k_j / exp(log_scale), each (m,) float64.
+    """Σ l_j w_j, Σ w_j and Σ w_j² over all references j, for each of m queries; float64.
 
-    `log_scale` is the largest log k_j of each query, so that the nearest state weighs 1 and no
-    sum underflows. `nearest` (m, c) are the rows of the c states that weigh most, with their
-    weights w_j in `nearest_weight`, heaviest first.
+    The weight is w_j = k_j / exp(log_scale), where log_scale (m,) is the largest log k_j of the
+    query: the nearest reference weighs 1, and no sum underflows. nearest (m, c) are the rows of the
+    c references that weigh most, heaviest first, and nearest_weight (m, c) their weights.
+
+    Source: equation 5 of Lee et al.; see `formulas`.
     """
 
     numerator: NDArray[np.float64]
@@ -27,34 +29,53 @@ class Sums:
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """LCoR, (m,)."""
+        """LCoR, (m,): 1 where the query is near expert-like references alone, 0 near none."""
         return self.numerator / self.denominator
 
     @property
     def effective_sample_size(self) -> NDArray[np.float64]:
-        """(Σ w)² / Σ w², (m,): how many states the answer rests on."""
+        """(Σ w)² / Σ w², (m,): how many references the answer rests on; larger is safer."""
         return self.denominator**2 / self.squares
 
     @classmethod
     def empty(cls, contributors: int) -> Sums:
-        """Return the sums of no queries."""
+        """Return the sums of no queries.
+
+        Parameters
+        ----------
+        contributors
+            Columns c of `nearest`.
+        """
         nearest = np.empty((0, contributors))
         return cls(*np.empty((4, 0)), nearest=nearest.astype(np.int64), nearest_weight=nearest)
 
     @classmethod
     def join(cls, parts: Sequence[Sums]) -> Sums:
-        """Return the sums of all queries of some parts, at least one, one part after the other."""
+        """Return the sums of the queries of all parts, one part after the other.
+
+        Parameters
+        ----------
+        parts
+            Sums of different queries over the same references, at least one.
+        """
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def take(self, rows: NDArray[np.int64]) -> Sums:
-        """Return the sums of the queries `rows`, in their order."""
+        """Return the sums of some of the queries.
+
+        Parameters
+        ----------
+        rows
+            Indices of queries, in the order wanted.
+        """
         return Sums(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def __add__(self, other: Sums) -> Sums:
-        """Join the sums of two shards; rows of `nearest` must be numbered over both."""
+        """Add the sums of another shard, same queries; rows of `nearest` are numbered over both."""
         scale = np.maximum(self.log_scale, other.log_scale)
-        ours, theirs = np.exp(self.log_scale - scale), np.exp(other.log_scale - scale)
+        ours = np.exp(self.log_scale - scale)
+        theirs = np.exp(other.log_scale - scale)
         rows = np.concatenate([self.nearest, other.nearest], axis=1)
         weights = np.concatenate(
             [self.nearest_weight * ours[:, None], other.nearest_weight * theirs[:, None]], axis=1

@@ -1,14 +1,14 @@
-r"""The inner loops of LCoR's sums as LLVM instructions, for any vector width; it knows no host.
+r"""The inner loops of LCoR's sums as LLVM instructions, for any width of vectors.
 
 |a − b| = 2 max(a, b) − a − b, so that a distance takes two instructions per dimension, not three:
 
     ‖q − x‖₁ = 2 (Σ_i max(q_i, x_i) − Σ_i x_i / 2) − Σ_i q_i
 
-The bracket is what a tile accumulates, for a few queries times a few vectors of references held in
-registers. One multiplication and addition per pair then turns it into t = (α + d) / (α + d₀), or
-into u = t − 1, and w = t^(−p) with p = (α + 1)/2 is the kernel relative to that at a distance d₀
-of the query's own choice. Far from the origin, where the sums cancel, |q_i − x_i| is added up
-directly.
+The bracket in parentheses is what a tile adds up, for a few queries times a few vectors of
+references, in registers. One multiplication and addition per pair then turns it into
+t = (α + d) / (α + d₀), or into u = t − 1, and w = t^(−p) with p = (α + 1)/2 is the kernel relative
+to that at a distance d₀ that may differ from query to query. Far from the center, where the sums
+cancel, |q_i − x_i| is added up directly; the bracket is then the distance itself.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
 
 BLOCK = 1024
-"""References that all queries of a call pass before the next ones: they stay in the cache.
+"""References that meet all queries of a pass before the next ones do: they stay in the cache.
 
-Every query's products are added up in float32 within a block, from the first panel to the last, and
-blocks in float64: in one order, whatever else is asked and however many threads ask.
+Within a block products are added up in float32, from the first panel to the last, and blocks in
+float64. The order is always the same, so the bits are, whatever the other queries and the threads.
 """
 
 
 @dataclass(frozen=True)
 class Tile:
-    """What registers hold at a time: `queries` × `vectors` vectors of `lanes` references each."""
+    """What is in registers at a time: `queries` × `vectors` vectors of `lanes` references each."""
 
     lanes: int
     vectors: int
@@ -53,38 +53,56 @@ class Tile:
 
     @property
     def references(self) -> int:
-        """Return how many references make a panel, the unit of packing."""
+        """References in a panel, the unit of packing."""
         return self.lanes * self.vectors
 
     @property
     def panels(self) -> int:
-        """Return how many panels make a block."""
+        """Panels in a block."""
         return BLOCK // self.references
 
 
 def emit(tile: Tile, power: Power, products: Products, *, direct: bool) -> str:
-    """Return the text of `sums(panels, queries, sums, nearest, width, panels, tiles, …)`.
+    """Return the text, in LLVM's language, of a function that adds up products over references.
 
-    panels (·, width + 2, references) float32: the dimensions, −Σx/2, leverage. queries (tiles,
-    width + 2, queries) float32: the dimensions, factor and offset of t. sums (blocks, tiles,
-    products.count, queries) float64: of each block. nearest (tiles · queries, panels) float32: the
-    smallest bracket in each panel. The last arguments are the first block to pass, the one after
-    the last, and p; only their part of `sums` and `nearest` is written. Every count is at least 1.
+    Its arguments are, with every count at least 1:
+
+    - panels (·, width + 2, references of a panel) float32: the dimensions, −Σx/2, leverage;
+    - queries (tiles, width + 2, queries of a tile) float32: the dimensions, factor, offset of t;
+    - sums (blocks, tiles, products.count, queries of a tile) float64, to be written: of each block;
+    - nearest (tiles · queries of a tile, panels) float32, to be written: the smallest bracket in
+      each panel;
+    - width, number of panels, number of tiles, the first block to pass and the one after the last
+      (only their part of `sums` and `nearest` is written), and p.
+
+    Parameters
+    ----------
+    tile
+        Shape of the registers.
+    power
+        How w is computed from t or u.
+    products
+        What is added up.
+    direct
+        Whether |q_i − x_i| is added up, in place of the maximum.
     """
     signature = ir.FunctionType(ir.VoidType(), [POINTER] * 4 + [INDEX] * 5 + [FLOAT])
     function = ir.Function(ir.Module(), signature, "sums")
     builder = ir.IRBuilder(function.append_basic_block())
-    _Sums(builder, tile, power, products, direct=direct).write()
+    _SumsWriter(builder, tile, power, products, direct=direct).write()
     return str(function.module)
 
 
-class _Sums:
-    """Writes the function's body: blocks of panels, tiles of queries, panels, dimensions."""
+class _SumsWriter:
+    """Writes the function's body: loops over blocks, tiles of queries, panels and dimensions."""
 
     def __init__(
         self, b: ir.IRBuilder, tile: Tile, power: Power, products: Products, *, direct: bool
     ) -> None:
-        self.b, self.tile, self.power, self.products = b, tile, power, products
+        self.b = b
+        self.tile = tile
+        self.power = power
+        self.products = products
         self.direct = direct
         self.panels, self.queries, self.sums, self.nearest, *rest = b.function.args
         self.width, self.panel_count, self.tile_count, self.begin, self.end, exponent = rest
@@ -93,53 +111,54 @@ class _Sums:
 
     def write(self) -> None:
         blocks = self.b.sub(self.end, self.begin)
-        fold(self.b, blocks, [], lambda index, _: self.block(self.b.add(self.begin, index)))
+        fold(self.b, blocks, [], lambda index, _: self.write_block(self.b.add(self.begin, index)))
         self.b.ret_void()
 
-    def block(self, block: Any) -> Sequence:
+    def write_block(self, block: Any) -> Sequence:
         """Pass all tiles of queries over the panels of a block."""
         most = INDEX(self.tile.panels)
         first = self.b.mul(block, most)
         left = self.b.sub(self.panel_count, first)
         count = self.b.select(self.b.icmp_unsigned("<", left, most), left, most)
 
-        def of_tile(index: Any, _: Sequence) -> Sequence:
-            query = self.row_of(self.queries, index, self.tile.queries)
+        def write_tile(index: Any, _: Sequence) -> Sequence:
+            query = self.write_address(self.queries, index, self.tile.queries)
             first_query = self.b.mul(index, INDEX(self.tile.queries))
 
-            def panel(step: Any, totals: Sequence) -> Sequence:
+            def write_panel(step: Any, totals: Sequence) -> Sequence:
                 place = self.b.add(first, step)
-                reference = self.row_of(self.panels, place, self.tile.references)
-                brackets = self.brackets(query, reference)
+                reference = self.write_address(self.panels, place, self.tile.references)
+                brackets = self.write_brackets(query, reference)
                 self.store_minima(brackets, first_query, place)
                 return self.add_weighted(query, reference, brackets, totals)
 
             zeros = [self.vectors.zero] * (self.products.count * self.tile.queries)
             place = self.b.add(self.b.mul(block, self.tile_count), index)
-            self.store_totals(fold(self.b, count, zeros, panel), place)
+            self.store_totals(fold(self.b, count, zeros, write_panel), place)
             return []
 
-        return fold(self.b, self.tile_count, [], of_tile)
+        return fold(self.b, self.tile_count, [], write_tile)
 
-    def row_of(self, base: Any, index: Any, columns: int) -> Any:
+    def write_address(self, base: Any, index: Any, columns: int) -> Any:
         """Write the address of tile or panel `index`, width + 2 rows of `columns` numbers."""
         size = self.b.mul(self.b.add(self.width, INDEX(2)), INDEX(columns))
         return at(self.b, base, self.b.mul(index, size))
 
-    def brackets(self, query: Any, reference: Any) -> Sequence:
+    def write_brackets(self, query: Any, reference: Any) -> Sequence:
         """Accumulate over the dimensions: `vectors` values for each query in turn."""
         half_sums = self.vectors.row(reference, self.width, self.tile.vectors)
         start = [self.vectors.zero] * self.tile.vectors if self.direct else list(half_sums)
 
-        def dimension(index: Any, sums: Sequence) -> Sequence:
+        def write_dimension(index: Any, sums: Sequence) -> Sequence:
             theirs = self.vectors.row(reference, index, self.tile.vectors)
             ours = self.vectors.scalars(query, index, self.tile.queries)
-            terms = [self.term(q, x) for q in ours for x in theirs]
+            terms = [self.write_term(q, x) for q in ours for x in theirs]
             return [self.b.fadd(total, term) for total, term in zip(sums, terms, strict=True)]
 
-        return fold(self.b, self.width, start * self.tile.queries, dimension)
+        return fold(self.b, self.width, start * self.tile.queries, write_dimension)
 
-    def term(self, q: Any, x: Any) -> Any:
+    def write_term(self, q: Any, x: Any) -> Any:
+        """Write what one dimension adds to the bracket of a query and some references."""
         if self.direct:
             return intrinsic(self.b, "fabs", self.b.fsub(q, x))
         return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
@@ -148,27 +167,29 @@ class _Sums:
         self, query: Any, reference: Any, brackets: Sequence, totals: Sequence
     ) -> Sequence:
         """Add a panel's products to the totals of all queries."""
-        factor_row, offset_row = self.width, self.b.add(self.width, INDEX(1))
+        factor_row = self.width
+        offset_row = self.b.add(self.width, INDEX(1))
         leverage = self.vectors.row(reference, offset_row, self.tile.vectors)
         factors = self.vectors.scalars(query, factor_row, self.tile.queries)
         offsets = self.vectors.scalars(query, offset_row, self.tile.queries)
         added = []
         for j in range(self.tile.queries):
             sums = totals[j :: self.tile.queries]
-            for bracket, value in zip(self.of_query(brackets, j), leverage, strict=True):
+            for bracket, value in zip(self.brackets_of(brackets, j), leverage, strict=True):
                 x = fmuladd(self.b, bracket, factors[j], offsets[j])
                 u = self.b.fsub(x, constant(x.type, self.power.offset))
                 sums = self.products.add(self.b, sums, u=u, w=self.weight(x), leverage=value)
             added.append(sums)
         return [total for kind in zip(*added, strict=True) for total in kind]
 
-    def of_query(self, brackets: Sequence, j: int) -> Sequence:
+    def brackets_of(self, brackets: Sequence, j: int) -> Sequence:
+        """Return the vectors of query j of the tile."""
         return brackets[j * self.tile.vectors : (j + 1) * self.tile.vectors]
 
     def store_minima(self, brackets: Sequence, first_query: Any, panel: Any) -> None:
-        """Keep the smallest bracket of each query in this panel."""
+        """Store the smallest bracket of each query in this panel."""
         for j in range(self.tile.queries):
-            least, *others = self.of_query(brackets, j)
+            least, *others = self.brackets_of(brackets, j)
             for other in others:
                 least = intrinsic(self.b, "minnum", least, other, fastmath=FAST)
             smallest = intrinsic(self.b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
@@ -176,7 +197,7 @@ class _Sums:
             self.b.store(smallest, at(self.b, self.nearest, self.b.add(row, panel)))
 
     def store_totals(self, totals: Sequence, place: Any) -> None:
-        """Keep a block's totals of one tile."""
+        """Store a block's totals of one tile, each added up over its lanes."""
         target = at(self.b, self.sums, self.b.mul(place, INDEX(len(totals))), DOUBLE)
         for position, total in enumerate(totals):
             partial = intrinsic(

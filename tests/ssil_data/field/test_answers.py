@@ -191,7 +191,7 @@ def test_a_view_of_what_can_be_written_is_copied():
 
 
 def test_a_device_that_torch_lacks_is_refused():
-    with pytest.raises(InvalidInputError, match="device: expected one that torch can use"):
+    with pytest.raises(InvalidInputError, match="device: torch cannot use 'nonsense': "):
         replace(field(), device="nonsense").lcor(queries())
 
 

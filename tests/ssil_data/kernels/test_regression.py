@@ -7,7 +7,8 @@ import pytest
 
 from ssil_data.kernels.estimates import Estimate
 from ssil_data.kernels.formulas import log_kernel
-from ssil_data.kernels.regression import Population, SampleMoments, estimate
+from ssil_data.kernels.moments import Population, SampleMoments
+from ssil_data.kernels.regression import estimate
 from ssil_data.kernels.totals import DistanceSums
 from support.kernel_references import draw_references
 
