@@ -92,7 +92,9 @@ def open_context(app: FastAPI) -> Context:
     decoder = Decoder(
         state, bodies, query_rows=settings.query_rows, upload_rows=settings.decoded_bytes // 8
     )
-    board = JobQueue(settings.store, state, fits, settings.jobs, settings.job_queue)
+    board = JobQueue(
+        settings.store, state, fits, running=settings.jobs, waiting=settings.job_queue
+    )
     board.start()
     local = catalogue.store.folder.local
     home = local if local is not None and local.is_dir() else None

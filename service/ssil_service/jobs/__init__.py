@@ -1,1 +1,1 @@
-"""Scoring jobs: a queue that survives the server."""
+"""Scoring jobs: accepted durably, run in worker processes, found again after a crash."""

@@ -1,4 +1,4 @@
-"""Scoring jobs: accepted durably, run one after another, found again after a crash."""
+"""The job queue: jobs are accepted durably, run one after another, and found after a crash."""
 
 from __future__ import annotations
 
@@ -9,245 +9,326 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Thread
 from typing import Any
 
-from ssil_data.errors import ConflictError, NotFoundError, SsilDataError
-from ssil_service.jobs.journal import ENDED, JobRecord
-from ssil_service.jobs.registry import Job, JobRegistry, now
-from ssil_service.jobs.runner import Ending, Runner, fault
+from ssil_data.errors import ConflictError, SsilDataError
+from ssil_service.jobs.journal import JobRecord, Journal
+from ssil_service.jobs.registry import Job, JobRegistry, not_found, utc_now
+from ssil_service.jobs.runner import Ending, Runner
 from ssil_service.logs import log_event
 from ssil_service.problems import Problem, busy
 from ssil_service.workers.lease import ServerLease
-from ssil_service.workers.pool import Pool, Worker
+from ssil_service.workers.pool import Pool
 
-_STOPPED = fault("ServerStoppedError", "the server stopped while the job ran")
-_CUT_OFF = ("CrashError", "ShutdownError")
+_STOPPED = Ending.of_error("ServerStoppedError", "the server stopped while the job ran")
+_ENDED_BY_SHUTDOWN = ("CrashError", "ShutdownError")
+"""Kinds of errors that mean, while the service shuts down, that it was the shutdown."""
+_POLL_SECONDS = 0.05
+_KILL_SECONDS = 5.0
+"""Time for jobs to end whose workers were killed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JobRequest:
-    """What a client wants made: the body of the job, and the name of its run or its beginning."""
+    """What a client wants made.
+
+    Parameters
+    ----------
+    dataset, version
+        What is to be scored.
+    body
+        What is to be made, see `ssil_service.workers.tasks.make_run`.
+    run_name
+        Name of the run; None lets the service choose one.
+    name_prefix
+        Beginning of the name that the service chooses.
+    request_digest
+        Digest of the request as it was sent.
+    """
 
     dataset: str
     version: str
     body: Mapping[str, Any]
-    run: str | None
+    run_name: str | None
     name_prefix: str
     request_digest: str
-    """A digest of the request as it was sent."""
 
 
 class JobQueue:
-    """All jobs of this server, and a view of the others' of the same store."""
+    """All jobs of this server, and a view of the other servers' of the same store.
+
+    Parameters
+    ----------
+    store
+        Folder or URI of the store.
+    lease
+        This server's; the journal lies beside it.
+    pool
+        Workers that fit and score.
+    running
+        Jobs that run at once.
+    waiting
+        Jobs that may wait.
+
+    Raises
+    ------
+    OSError
+        If the journal's folder cannot be written.
+    """
 
     def __init__(
-        self, store: str, state: ServerLease, pool: Pool, running: int, queue: int
+        self, store: str, lease: ServerLease, pool: Pool, *, running: int, waiting: int
     ) -> None:
-        """Begin without a job; `running` at once, and `queue` that wait."""
-        self.state, self.pool = state, pool
-        self.running, self.queue = running, queue
+        self.lease = lease
+        self.pool = pool
         self.runner = Runner(store, pool)
-        self.ledger = JobRegistry(state.journal)
-        self.counts = self.ledger.counts
-        self._closing = False
+        self.journal = Journal(lease.state_folder / "jobs")
+        self._registry = JobRegistry(self.journal)
+        self._running_limit = running
+        self._waiting_limit = waiting
+
+    # start and end
 
     def start(self) -> None:
-        """Take over what dead servers left, and begin to run jobs."""
-        with self.state.adopt_orphans() as living:
-            for record in self.state.journal.all():
-                if record.over:
-                    self.ledger.entries[record.job] = Job(record)
+        """Adopt the jobs of dead servers, and begin to run jobs."""
+        with self.lease.adopt_orphans() as living:
+            for record in self.journal.all():
+                if record.has_ended:
+                    self._registry.restore(record)
                 elif record.server not in living:
-                    self._adopt(replace(record, server=self.state.server))
-        self.ledger.trim()
-        for number in range(self.running):
+                    self._adopt(replace(record, server=self.lease.server))
+        self._registry.trim()
+        for number in range(self._running_limit):
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
 
     def _adopt(self, record: JobRecord) -> None:
-        entry = Job(record)
+        """Queue a job that a dead server left waiting; end one that it left running."""
         if record.state == "queued":
-            with suppress(Problem):  # told: it is left to the next server
-                self.ledger.keep(record)
-                self.ledger.entries[record.job] = entry
+            with suppress(Problem):  # logged: the job is left to the next server
+                self._registry.accept(record)
             return
         try:
             ending = self.runner.find_ending(record, _STOPPED)
-        except Exception as error:  # a record that no server wrote, say: it stops no start
+        except Exception as error:  # an invalid record must not stop the server from starting
             ending = _log_failure(record, error)
-        self.ledger.entries[record.job] = entry
-        self.ledger.end(entry, ending)
+        self._registry.finish(self._registry.restore(record), ending)
 
-    def find_repeated(self, key: str | None, asked: str) -> dict[str, Any] | None:
-        """Return the job that was accepted under a key, by whichever server, if there is one.
+    def close(self, grace: float) -> None:
+        """End: running jobs have some time left, waiting ones are left to the next server.
 
-        Raises a Problem with 409 for a key used for another request.
+        Parameters
+        ----------
+        grace
+            Seconds until the workers of running jobs are killed.
         """
-        record = None if key is None else self.ledger.find(_job_id(key))
-        if record is None:
-            return None
-        if record.asked != asked:
-            raise Problem(409, "Idempotency-Key: expected another, found it used before")
-        return self.get(record.job)
+        self._registry.close()
+        self._wait_for_running(grace)
+        self.pool.close()
+        self._wait_for_running(_KILL_SECONDS)
 
-    def submit(self, order: JobRequest, key: str | None) -> dict[str, Any]:
+    def _wait_for_running(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while self.counts()["running"] and time.monotonic() < deadline:
+            time.sleep(_POLL_SECONDS)
+
+    # what clients do
+
+    def submit(self, request: JobRequest, key: str | None) -> dict[str, Any]:
         """Accept a job, or return the one that was accepted under the same key.
 
-        Raises a Problem: 429 when the queue is full, 409 for a key used for another request, 503
-        if the journal cannot be written; ConflictError for a name in use, NotFoundError.
+        Parameters
+        ----------
+        request
+            What is to be made.
+        key
+            The client's `Idempotency-Key`, None if it sent none.
+
+        Returns
+        -------
+        dict
+            The job as clients see it; it is in the journal.
+
+        Raises
+        ------
+        Problem
+            429 if the queue is full, 409 for a key that was used for another request, 503 if the
+            journal cannot be written.
+        ConflictError
+            If the name is in use or reserved.
+        NotFoundError
+            If there is no such dataset.
         """
-        with self.state.exclusive():
-            known = self.find_repeated(key, order.request_digest)
+        with self.lease.exclusive():
+            known = self.find_repeated(key, request.request_digest)
             if known is not None:
                 return known
-            counts = self.counts()
-            unfinished = counts["queued"] + counts["running"]
-            if unfinished >= self.queue + self.running or self._closing:
-                raise busy(429, "jobs: expected a free place, found the queue full", 5)
+            self._refuse_if_full()
             record = JobRecord(
-                job=secrets.token_hex(8) if key is None else _job_id(key),
-                server=self.state.server,
-                dataset=order.dataset,
-                version=order.version,
-                body=order.body,
-                run=self._name(order),
-                stem=order.name_prefix if order.run is None else None,
-                asked=order.request_digest,
-                created=now(),
+                id=secrets.token_hex(8) if key is None else _job_id(key),
+                server=self.lease.server,
+                dataset=request.dataset,
+                version=request.version,
+                body=request.body,
+                run_name=self._choose_name(request),
+                name_prefix=request.name_prefix if request.run_name is None else None,
+                request_digest=request.request_digest,
+                created=utc_now(),
             )
-            self.ledger.keep(record)
-            with self.ledger.changed:
-                self.ledger.entries[record.job] = Job(record)
-                self.ledger.changed.notify()
-        return record.as_shown()
+            self._registry.accept(record)
+        return record.to_json()
 
-    def _name(self, order: JobRequest) -> str:
+    def find_repeated(self, key: str | None, request_digest: str) -> dict[str, Any] | None:
+        """Find the job that any server accepted under a key.
+
+        Parameters
+        ----------
+        key
+            The client's `Idempotency-Key`, None if it sent none.
+        request_digest
+            Digest of the request as it was sent.
+
+        Returns
+        -------
+        dict or None
+            The job as clients see it, None if there is none.
+
+        Raises
+        ------
+        Problem
+            409 for a key that was used for another request.
+        """
+        record = None if key is None else self._registry.find(_job_id(key))
+        if record is None:
+            return None
+        if record.request_digest != request_digest:
+            detail = "Idempotency-Key: already used for a different request; choose another key"
+            raise Problem(409, detail)
+        return self.get(record.id)
+
+    def get(self, job_id: str) -> dict[str, Any]:
+        """Return a job of any server as clients see it; raises NotFoundError."""
+        record = self._registry.find(job_id)
+        if record is None:
+            raise not_found(job_id)
+        return record.to_json(self._registry.progress(job_id))
+
+    def all(self) -> list[dict[str, Any]]:
+        """Return all servers' jobs as clients see them, the newest first."""
+        records = reversed(self._registry.records())
+        return [record.to_json(self._registry.progress(record.id)) for record in records]
+
+    def counts(self) -> dict[str, int]:
+        """Count this server's jobs by state."""
+        return self._registry.counts()
+
+    def cancel(self, job_id: str) -> dict[str, Any]:
+        """Cancel a queued job, or stop a running one; one that has ended stays as it is.
+
+        Parameters
+        ----------
+        job_id
+            Of a job of this server.
+
+        Returns
+        -------
+        dict
+            The job as clients see it; a running job is shown as cancelled once its worker ended.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such job.
+        ConflictError
+            If another server runs it.
+        Problem
+            503 if the journal cannot be written.
+        """
+        self._registry.cancel(job_id)
+        return self.get(job_id)
+
+    def _refuse_if_full(self) -> None:
+        """Raise a Problem with 429 if no more jobs may wait, or the service ends."""
+        counts = self.counts()
+        unfinished = counts["queued"] + counts["running"]
+        if unfinished >= self._waiting_limit + self._running_limit or self._registry.closed:
+            detail = f"jobs: the queue is full ({unfinished} jobs); retry after 5 s"
+            raise busy(429, detail, 5)
+
+    def _choose_name(self, request: JobRequest) -> str:
         """Return the name that the job's run will have; no other job's will."""
-        reserved = self.ledger.reserved_names(order.dataset)
-        name = self.runner.free_name(order.dataset, order.run or order.name_prefix, reserved)
-        if order.run not in (None, name):
+        reserved = self._registry.reserved_names(request.dataset)
+        wanted = request.run_name or request.name_prefix
+        name = self.runner.find_free_name(request.dataset, wanted, reserved)
+        if request.run_name not in (None, name):
             raise ConflictError(
-                f"run of {order.dataset}: expected an unused name, found one in use or reserved"
+                f"run of {request.dataset}: the name {request.run_name} is in use or reserved "
+                "by a job; choose another"
             )
         return name
 
-    def get(self, job: str) -> dict[str, Any]:
-        """Return a job as clients see it; raises NotFoundError."""
-        entry, record = self.ledger.entries.get(job), self.ledger.find(job)
-        if record is None:
-            raise NotFoundError("job: expected one of the service's, found another")
-        return record.as_shown(entry.progress if entry else None)
-
-    def all(self) -> list[dict[str, Any]]:
-        """Return all jobs of the store's servers, the newest first."""
-        entries = self.ledger.copy()
-        progress = {job: entry.progress for job, entry in entries.items()}
-        return [each.as_shown(progress.get(each.job)) for each in reversed(self.ledger.records())]
-
-    def cancel(self, job: str) -> dict[str, Any]:
-        """Stop a job; one that has ended stays as it is.
-
-        Raises NotFoundError, or ConflictError for a job of another server.
-        """
-        with self.ledger.changed:
-            shown, entry = self.get(job), self.ledger.entries.get(job)
-            if shown["state"] in ENDED:
-                return shown
-            if entry is None:
-                raise ConflictError(f"job {job}: expected one of this server, found another's")
-            if entry.record.state == "queued":
-                record = replace(entry.record, state="cancelled", ended=now())
-                self.ledger.keep(record)
-                entry.record = record
-            else:
-                entry.cancelled = True
-                if entry.worker is not None:
-                    entry.worker.kill_soon()
-        return self.get(job)
-
-    def close(self, grace: float) -> None:
-        """Let running jobs end for `grace` seconds; queued ones are left to the next server."""
-        with self.ledger.changed:
-            self._closing = True
-            self.ledger.changed.notify_all()
-        self._wait(grace)
-        self.pool.close()
-        self._wait(5)
-
-    def _wait(self, seconds: float) -> None:
-        deadline = time.monotonic() + seconds
-        while self.counts()["running"] and time.monotonic() < deadline:
-            time.sleep(0.05)
+    # what the threads do
 
     def _work(self) -> None:
-        """Run jobs until the service ends; nothing that a job meets ends the thread."""
-        while (entry := self._next()) is not None:
+        """Run jobs until the service ends; whatever a job raises, the thread goes on."""
+        while (job := self._registry.take_next()) is not None:
             try:
-                ending = self._run(entry)
+                ending = self._run(job)
             except (SsilDataError, Problem) as error:
-                ending = self.runner.refuse(error)
+                ending = self.runner.explain(error)
             except Exception as error:
-                ending = _log_failure(entry.record, error)
-            if self._closing and ending.error and ending.error["kind"] in _CUT_OFF:
+                ending = _log_failure(job.record, error)
+            ended_early = ending.error is not None and ending.error["kind"] in _ENDED_BY_SHUTDOWN
+            if self._registry.closed and ended_early:
                 ending = _STOPPED
-            self.ledger.end(entry, ending)
+            self._registry.finish(job, ending)
 
-    def _next(self) -> Job | None:
-        """Wait for a job and take it; nothing when the service ends."""
-        with self.ledger.changed:
-            while not self._closing:
-                for entry in self.ledger.entries.values():
-                    if entry.record.state == "queued":
-                        entry.record = replace(entry.record, state="running", started=now())
-                        return entry
-                self.ledger.changed.wait()
-        return None
-
-    def _run(self, entry: Job) -> Ending:
-        def started(worker: Worker | None) -> None:
-            with self.ledger.changed:  # under which it is cancelled: never somebody else's worker
-                entry.worker = worker
-                if worker is not None and entry.cancelled:
-                    worker.kill_soon()
-
-        def report(progress: dict[str, Any]) -> None:
-            entry.progress = progress
-
+    def _run(self, job: Job) -> Ending:
+        """Make a job's run, under another name if its own is taken meanwhile."""
         while True:
-            self._begin(entry)
-            ending = self.runner.run(entry.record, report=report, started=started)
-            if not self._claimed_elsewhere(entry, ending):
+            self._write_start(job)
+            ending = self.runner.run(
+                job.record,
+                report=partial(self._registry.report, job),
+                assign_worker=partial(self._registry.assign_worker, job),
+            )
+            if not self._needs_another_name(job, ending):
                 return ending
 
-    def _begin(self, entry: Job) -> None:
-        """Journal that a job runs, under another name if somebody outside took the one it had."""
-        with self.state.exclusive():
-            record = entry.record
-            if record.stem is not None and self.runner.name_is_used(record):
-                reserved = self.ledger.reserved_names(record.dataset)
-                name = self.runner.free_name(record.dataset, record.stem, reserved)
-                entry.record = replace(record, run=name)
-            self.state.journal.write(entry.record)
+    def _write_start(self, job: Job) -> None:
+        """Write to the journal that a job runs; if its name is in use by now, under another."""
+        with self.lease.exclusive():
+            record = job.record
+            name = record.run_name
+            if record.name_prefix is not None and self.runner.name_is_used(record):
+                reserved = self._registry.reserved_names(record.dataset)
+                name = self.runner.find_free_name(record.dataset, record.name_prefix, reserved)
+            self._registry.write_start(job, name)
 
-    def _claimed_elsewhere(self, entry: Job, ending: Ending) -> bool:
-        """Tell whether somebody outside took, meanwhile, a name that the client did not choose."""
-        record, error = entry.record, ending.error
-        conflict = error is not None and error["kind"] == ConflictError.__name__
-        given_up = entry.cancelled or self._closing
+    def _needs_another_name(self, job: Job, ending: Ending) -> bool:
+        """Tell whether somebody took, while the job ran, the name that the service chose for it.
+
+        Only writers outside the service can: jobs reserve their names. A name that the client
+        chose is not changed.
+        """
+        record = job.record
+        conflict = ending.error is not None and ending.error["kind"] == ConflictError.__name__
+        stopped = job.cancel_requested or self._registry.closed
         return (
             conflict
-            and not given_up
-            and record.stem is not None
+            and not stopped
+            and record.name_prefix is not None
             and self.runner.name_is_used(record)
         )
 
 
 def _log_failure(record: JobRecord, error: Exception) -> Ending:
     """Log an error while it is handled, and return the ending of its job."""
-    log_event("job failed", level=logging.ERROR, trace=True, job=record.job)
-    return fault("InternalError", f"the service failed ({type(error).__name__})")
+    log_event("job failed", level=logging.ERROR, trace=True, job=record.id)
+    return Ending.of_error("InternalError", f"the service failed ({type(error).__name__})")
 
 
 def _job_id(key: str) -> str:
-    """Return the number of the job that is accepted under a key, the same for all servers."""
+    """Return the id of the job that is accepted under a key, the same at all servers."""
     return hashlib.sha256(key.encode()).hexdigest()[:16]

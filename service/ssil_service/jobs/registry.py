@@ -1,14 +1,15 @@
-"""The jobs that a server knows: its own as they are now, the others' as they are journalled."""
+"""The jobs that a server knows: its own as they are now, the others' as the journal has them."""
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from threading import Condition
 from typing import Any
 
-from ssil_service.jobs.journal import ENDED, KEPT, JobRecord, Journal
+from ssil_data.errors import ConflictError, NotFoundError
+from ssil_service.jobs.journal import ENDED, KEPT, JobRecord, JobState, Journal
 from ssil_service.jobs.runner import Ending
 from ssil_service.logs import log_event
 from ssil_service.problems import busy
@@ -22,79 +23,215 @@ class Job:
     record: JobRecord
     progress: dict[str, Any] | None = None
     worker: Worker | None = None
-    cancelled: bool = False
+    cancel_requested: bool = False
 
 
-@dataclass
 class JobRegistry:
-    """Entries by job; `changed` is the lock under which they change."""
+    """This server's jobs by id, and a view of the other servers'.
 
-    journal: Journal
-    entries: dict[str, Job] = field(default_factory=dict)
-    changed: Condition = field(default_factory=Condition)
-    _unwritten: dict[str, JobRecord] = field(default_factory=dict)
+    The registry owns the lock under which its jobs change: they are changed by its methods only,
+    from any thread. Whoever takes that lock as well as `ServerLease.exclusive` takes this one
+    last.
 
-    def find(self, job: str) -> JobRecord | None:
-        """Return a job's record, whichever server's it is."""
-        entry = self.entries.get(job)
-        return self.journal.read(job) if entry is None else entry.record
+    Parameters
+    ----------
+    journal
+        Where all servers' jobs are written.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._jobs: dict[str, Job] = {}
+        self._changed = Condition()
+        self._closed = False
+        self._unwritten: dict[str, JobRecord] = {}
+
+    # what is known
+
+    @property
+    def closed(self) -> bool:
+        """Whether the server ends: no job is taken any more."""
+        return self._closed
+
+    def find(self, job_id: str) -> JobRecord | None:
+        """Return a job's record, whichever server's it is; None if there is no such job."""
+        job = self._jobs.get(job_id)
+        return self._journal.get(job_id) if job is None else job.record
+
+    def progress(self, job_id: str) -> dict[str, Any] | None:
+        """Return how far a job of this server is; None for another server's."""
+        job = self._jobs.get(job_id)
+        return None if job is None else job.progress
 
     def records(self) -> list[JobRecord]:
-        """Return all servers' records, the oldest first; of this server's, what it knows itself."""
-        records = {record.job: record for record in self.journal.all()}
-        records |= {job: entry.record for job, entry in self.copy().items()}
+        """Return all servers' records, the oldest first."""
+        records = {record.id: record for record in self._journal.all()}
+        records |= {record.id: record for record in self._own_records()}
         return sorted(records.values(), key=lambda record: record.created)
 
     def reserved_names(self, dataset: str) -> set[str]:
         """Return the names of the runs of a dataset that jobs are yet to make."""
-        return {each.run for each in self.records() if each.dataset == dataset and not each.over}
-
-    def copy(self) -> dict[str, Job]:
-        """Return the entries as they are now."""
-        with self.changed:
-            return dict(self.entries)
+        return {
+            record.run_name
+            for record in self.records()
+            if record.dataset == dataset and not record.has_ended
+        }
 
     def counts(self) -> dict[str, int]:
         """Count this server's jobs by state."""
-        states = [entry.record.state for entry in self.copy().values()]
+        states = [record.state for record in self._own_records()]
         return {state: states.count(state) for state in ("queued", "running", *ENDED)}
 
-    def keep(self, record: JobRecord) -> None:
-        """Journal what will be acknowledged; raises a Problem with 503 if the disk refuses."""
-        try:
-            self.journal.write(record)
-        except OSError as error:
-            log_event("journal not written", level=logging.ERROR, job=record.job, error=str(error))
-            raise busy(503, "jobs: expected a journal to write to, found it refused", 30) from None
+    def _own_records(self) -> list[JobRecord]:
+        with self._changed:
+            return [job.record for job in self._jobs.values()]
 
-    def end(self, entry: Job, ending: Ending) -> None:
-        """Write down how a job ended; what the disk refuses is tried again with the next one."""
-        state = "cancelled" if entry.cancelled and ending.error else ending.state
-        error = None if state == "cancelled" else ending.error
-        with self.changed:
-            record = replace(entry.record, state=state, error=error, ended=now())
-            self._unwritten[record.job] = record
-            self._write()
-            entry.record = record
+    # how a job comes in
+
+    def restore(self, record: JobRecord) -> Job:
+        """Add a job that the journal has already."""
+        job = Job(record)
+        with self._changed:
+            self._jobs[record.id] = job
+        return job
+
+    def accept(self, record: JobRecord) -> None:
+        """Write a queued job to the journal, then let it be taken.
+
+        Raises
+        ------
+        Problem
+            503 if the journal cannot be written; the job is not accepted then.
+        """
+        self._write_or_refuse(record)
+        with self._changed:
+            self._jobs[record.id] = Job(record)
+            self._changed.notify()
+
+    # how it runs
+
+    def take_next(self) -> Job | None:
+        """Wait for a queued job and mark it as running; None when the server ends."""
+        with self._changed:
+            while not self._closed:
+                for job in self._jobs.values():
+                    if job.record.state == "queued":
+                        job.record = replace(job.record, state="running", started=utc_now())
+                        return job
+                self._changed.wait()
+        return None
+
+    def write_start(self, job: Job, run_name: str) -> None:
+        """Write to the journal that a job runs, and under which name.
+
+        Raises
+        ------
+        OSError
+            If the disk refuses.
+        """
+        job.record = replace(job.record, run_name=run_name)
+        self._journal.write(job.record)
+
+    def assign_worker(self, job: Job, worker: Worker | None) -> None:
+        """Note the worker that runs a job, so that cancelling kills it; None when it is released.
+
+        Cancelling reads it under the same lock and never kills a worker that has gone on to
+        another job.
+        """
+        with self._changed:
+            job.worker = worker
+            if worker is not None and job.cancel_requested:
+                worker.kill_soon()
+
+    def report(self, job: Job, progress: dict[str, Any]) -> None:
+        """Note how far a job is."""
+        job.progress = progress
+
+    # how it ends
+
+    def cancel(self, job_id: str) -> None:
+        """Cancel a queued job, or stop a running one; one that has ended stays as it is.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such job.
+        ConflictError
+            If another server runs it.
+        Problem
+            503 if the journal cannot be written.
+        """
+        with self._changed:
+            record = self.find(job_id)
+            if record is None:
+                raise not_found(job_id)
+            if record.has_ended:
+                return
+            job = self._jobs.get(job_id)
+            if job is None:
+                raise ConflictError(f"job {job_id}: belongs to another server; cancel it there")
+            if job.record.state == "queued":
+                record = replace(job.record, state="cancelled", ended=utc_now())
+                self._write_or_refuse(record)
+                job.record = record
+                return
+            job.cancel_requested = True
+            if job.worker is not None:
+                job.worker.kill_soon()
+
+    def finish(self, job: Job, ending: Ending) -> None:
+        """Record how a job ended; what the disk refuses is written again with the next one."""
+        was_cancelled = job.cancel_requested and ending.error is not None
+        state: JobState = "cancelled" if was_cancelled else ending.state
+        error = None if was_cancelled else ending.error
+        with self._changed:
+            record = replace(job.record, state=state, error=error, ended=utc_now())
+            self._unwritten[record.id] = record
+            self._write_endings()
+            job.record = record
             self.trim()
 
-    def _write(self) -> None:
-        for job, record in list(self._unwritten.items()):
-            try:
-                self.journal.write(record)
-            except OSError as error:
-                log_event("journal not written", level=logging.ERROR, job=job, error=str(error))
-                return
-            del self._unwritten[job]
-
     def trim(self) -> None:
-        """Forget all but the newest ended jobs."""
-        ended = [entry.record for entry in self.entries.values() if entry.record.over]
-        for record in sorted(ended, key=lambda each: each.ended or "")[:-KEPT]:
-            del self.entries[record.job]
-            self.journal.forget(record.job)
+        """Forget all but the newest `KEPT` jobs that have ended."""
+        with self._changed:
+            ended = [job.record for job in self._jobs.values() if job.record.has_ended]
+            for record in sorted(ended, key=lambda each: each.ended or "")[:-KEPT]:
+                del self._jobs[record.id]
+                self._journal.forget(record.id)
+
+    def close(self) -> None:
+        """Let no job be taken any more, and wake the threads that wait for one."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _write_or_refuse(self, record: JobRecord) -> None:
+        """Write what will be acknowledged; raise a Problem with 503 if the disk refuses."""
+        try:
+            self._journal.write(record)
+        except OSError as error:
+            _log_unwritten(record.id, error)
+            raise busy(503, "jobs: the journal cannot be written; retry after 30 s", 30) from None
+
+    def _write_endings(self) -> None:
+        for job_id, record in list(self._unwritten.items()):
+            try:
+                self._journal.write(record)
+            except OSError as error:
+                _log_unwritten(job_id, error)
+                return
+            del self._unwritten[job_id]
 
 
-def now() -> str:
-    """Return the time as records have it."""
+def not_found(job_id: str) -> NotFoundError:
+    """Return the error for a job that no server has."""
+    return NotFoundError(f"Job not found: {job_id}")
+
+
+def utc_now() -> str:
+    """Return the time as records have it, ISO 8601 in UTC."""
     return datetime.now(UTC).isoformat()
+
+
+def _log_unwritten(job_id: str, error: OSError) -> None:
+    log_event("journal not written", level=logging.ERROR, job=job_id, error=str(error))

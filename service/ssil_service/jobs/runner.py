@@ -73,9 +73,7 @@ class Runner:
         """Tell whether a run has the job's name; raises NotFoundError without its dataset."""
         return record.run_name in self._run_names(record.dataset)
 
-    def run(
-        self, record: JobRecord, *, report: Report, assign_worker: AssignWorker
-    ) -> Ending:
+    def run(self, record: JobRecord, *, report: Report, assign_worker: AssignWorker) -> Ending:
         """Make the run of a job.
 
         Parameters

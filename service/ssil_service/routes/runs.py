@@ -150,7 +150,10 @@ async def _job_request(
             "labeled_is_one": body.labeled_is_one,
             "seed": body.seed,
         }
-    return JobRequest(snapshot.name, snapshot.version, made, body.run, stem, asked)
+    return JobRequest(
+        dataset=snapshot.name, version=snapshot.version, body=made, run_name=body.run,
+        name_prefix=stem, request_digest=asked,
+    )
 
 
 def _within(table: pa.Table, episode: int | None, first: int | None, last: int | None) -> pa.Array:

@@ -1,1 +1,1 @@
-"""Processes that may be killed: fits, and bodies that only they may open."""
+"""Worker processes: what may crash or take too much memory runs in one, not in the server."""

@@ -1,7 +1,12 @@
-"""The service's own folder: which servers live, the journal of their jobs, files under way.
+"""A server's lease: its own folder in the state folder, under a lock that it holds while it lives.
 
-A server and its workers hold a lock for as long as they live. What belongs to a server whose lock
-is free is taken over by the next one that starts.
+All servers of a store share one state folder. A server and its workers hold a shared lock on a
+file of their own; where that lock is free, the server is dead, and the next server that starts
+adopts its jobs and removes its files.
+
+    STATE/jobs/           the journal of jobs (`ssil_service.jobs.journal`)
+    STATE/servers/ID/     one server's lease: `lock`, and temporary files
+    STATE/takeover        the lock of `ServerLease.exclusive`
 """
 
 from __future__ import annotations
@@ -14,28 +19,54 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ssil_service.jobs.journal import Journal
+from ssil_data.store.folder import Folder
 
 
 class ServerLease:
-    """One server's place in the folder that all servers of a store share."""
+    """One server's folder among those of all servers of a store.
 
-    def __init__(self, folder: Path) -> None:
-        """Take a place; raises OSError where the folder cannot be written."""
-        self.folder = folder
+    Parameters
+    ----------
+    state_folder
+        The folder that the servers share; it is made if it does not exist.
+
+    Attributes
+    ----------
+    server
+        Random id of this server, 16 hexadecimal digits.
+    folder
+        This server's own folder.
+    lock
+        The file whose lock says that the server, or one of its workers, lives.
+
+    Raises
+    ------
+    OSError
+        If the state folder cannot be written.
+    """
+
+    def __init__(self, state_folder: Path) -> None:
+        self.state_folder = state_folder
         self.server = secrets.token_hex(8)
-        self.journal = Journal(folder / "jobs")
-        self.place = folder / "servers" / self.server
-        self.lock = self.place / "lock"
-        with self.exclusive():  # or a server that starts now would take it for a dead one's
-            self.place.mkdir(parents=True)
+        self.folder = state_folder / "servers" / self.server
+        self.lock = self.folder / "lock"
+        Folder(state_folder).make()
+        with self.exclusive():  # a server that starts now must not take this one for dead
+            self.folder.mkdir(parents=True)
             self._handle = os.open(self.lock, os.O_CREAT | os.O_RDONLY, 0o600)
             fcntl.flock(self._handle, fcntl.LOCK_SH)
 
     @contextmanager
-    def scratch(self) -> Iterator[Path]:
-        """Give the name of a file that is gone afterwards, at the latest with this server."""
-        path = self.place / secrets.token_hex(8)
+    def temporary_file(self) -> Iterator[Path]:
+        """Give the path of a file for as long as the context lasts.
+
+        Yields
+        ------
+        Path
+            Unused; what was written there is deleted at the end, or by the next server if this
+            one is killed.
+        """
+        path = self.folder / secrets.token_hex(8)
         try:
             yield path
         finally:
@@ -43,49 +74,57 @@ class ServerLease:
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Hold the lock under which places are taken and jobs accepted, of all servers' one."""
-        guard = os.open(self.folder / "takeover", os.O_CREAT | os.O_RDONLY, 0o600)
+        """Hold the one lock of all servers, under which leases begin and jobs are accepted."""
+        handle = os.open(self.state_folder / "takeover", os.O_CREAT | os.O_RDONLY, 0o600)
         try:
-            fcntl.flock(guard, fcntl.LOCK_EX)
+            fcntl.flock(handle, fcntl.LOCK_EX)
             yield
         finally:
-            os.close(guard)
+            os.close(handle)
 
     @contextmanager
     def adopt_orphans(self) -> Iterator[set[str]]:
-        """Give the servers that live; the others' jobs may be taken, their places are gone then."""
-        with self.exclusive():
-            places = {each.name: each for each in (self.folder / "servers").iterdir()}
-            living = {name for name, place in places.items() if self._lives(place)}
-            yield living
-            for name in places.keys() - living:
-                shutil.rmtree(places[name], ignore_errors=True)
+        """Find the servers that live; inside the context, jobs of all others may be adopted.
 
-    def _lives(self, place: Path) -> bool:
-        return place.name == self.server or _lives(place / "lock")
+        Yields
+        ------
+        set of str
+            Ids of the servers that live, this one among them. The folders of the others are
+            removed at the end.
+        """
+        with self.exclusive():
+            folders = {each.name: each for each in (self.state_folder / "servers").iterdir()}
+            living = {name for name, folder in folders.items() if self._is_alive(folder)}
+            yield living
+            for name in folders.keys() - living:
+                shutil.rmtree(folders[name], ignore_errors=True)
+
+    def _is_alive(self, folder: Path) -> bool:
+        return folder.name == self.server or not _take_free_lock(folder / "lock")
 
     def close(self) -> None:
-        """Give the place up."""
-        shutil.rmtree(self.place, ignore_errors=True)
+        """Remove this server's folder and release its lock."""
+        shutil.rmtree(self.folder, ignore_errors=True)
         self.release()
 
     def release(self) -> None:
-        """Let the lock go, as the end of the process does."""
+        """Release the lock and keep the folder, as the end of the process does."""
         os.close(self._handle)
 
 
-def _lives(lock: Path) -> bool:
+def _take_free_lock(lock: Path) -> bool:
+    """Remove a dead server's lock file; False if a process holds the lock."""
     try:
         handle = os.open(lock, os.O_RDONLY)
     except (FileNotFoundError, NotADirectoryError):
-        return False
-    except OSError:  # another user's
         return True
+    except OSError:  # another user's
+        return False
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         lock.unlink()  # a worker that starts only now finds no lock, and ends
-        return False
-    except BlockingIOError:
         return True
+    except BlockingIOError:
+        return False
     finally:
         os.close(handle)

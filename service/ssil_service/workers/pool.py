@@ -1,4 +1,4 @@
-"""Worker processes as seen by the server: started, asked, timed, killed."""
+"""Worker processes as the server sees them: a task in, its progress and its result out."""
 
 from __future__ import annotations
 
@@ -13,19 +13,34 @@ from pathlib import Path
 from threading import Lock, Timer
 from typing import Any
 
-from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError, SsilDataError
+from ssil_data.client.error_kinds import caller_error
 from ssil_service.problems import Problem
+from ssil_service.workers.tasks import Phase
 
 Report = Callable[[dict[str, Any]], None]
-_KINDS: dict[str, type[SsilDataError]] = {
-    "ConflictError": ConflictError,
-    "InvalidInputError": InvalidInputError,
-    "NotFoundError": NotFoundError,
-}
+"""Called with the progress of a task: `what` it does, `done` steps, `of` steps."""
+EnterPhase = Callable[[Phase], None]
+"""Called when a task enters a phase, see `Phase`."""
+_SECRETS = ("SSIL_READ_KEY", "SSIL_WRITE_KEY")
+_MESSAGES = {"progress", "phase", "error", "result"}
+"""Keys of the lines that a worker writes, one of them in each."""
+
+
+def _ignore(_: Any) -> None:
+    """Do nothing with what is reported."""
 
 
 class TaskError(Exception):
-    """A task that failed by no fault of the request's form: it crashed, or ran out of memory."""
+    """A task failed, and not because its request was wrong: it crashed, or ran out of memory.
+
+    Parameters
+    ----------
+    kind
+        What happened: `CrashError`, `TimeoutError`, `MemoryError`, `StartError`, `ShutdownError`,
+        or the name of an exception that the task raised.
+    detail
+        A sentence for people.
+    """
 
     def __init__(self, kind: str, detail: str) -> None:
         super().__init__(detail)
@@ -34,74 +49,120 @@ class TaskError(Exception):
 
 
 class Worker:
-    """One process; it holds the server's lock and may take `most_bytes` of memory."""
+    """One worker process; it ends when it is killed, and when the server ends.
 
-    def __init__(self, lock: Path, most_bytes: int) -> None:
-        command = [sys.executable, "-m", "ssil_service.workers.process", str(lock), str(most_bytes)]
+    Parameters
+    ----------
+    lock
+        The server's lock (`ServerLease.lock`), which the worker holds as well.
+    memory_limit
+        Most bytes of memory that the process may take.
+
+    Raises
+    ------
+    OSError
+        If no process can be started.
+    """
+
+    def __init__(self, lock: Path, memory_limit: int) -> None:
+        module = "ssil_service.workers.process"
         self._process = subprocess.Popen(
-            command,
+            [sys.executable, "-m", module, str(lock), str(memory_limit)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=_without_keys(os.environ),
             start_new_session=True,
         )
-        self._killed = self._late = False
+        self._killed = False
+        self._timed_out = False
 
-    def run(self, task: str, arguments: dict[str, Any], report: Report, seconds: float) -> Any:
-        """Return a task's result; raises the library's error, a Problem or TaskError."""
-        watch = Timer(seconds, self._too_late)
-        watch.daemon = True
-        watch.start()
+    def run(
+        self,
+        task: str,
+        arguments: dict[str, Any],
+        *,
+        seconds: float,
+        report: Report = _ignore,
+        enter_phase: EnterPhase = _ignore,
+    ) -> Any:
+        """Run a task and wait for its end.
+
+        Parameters
+        ----------
+        task
+            A key of `ssil_service.workers.tasks.TASKS`.
+        arguments
+            Keyword arguments of the task, as JSON.
+        seconds
+            Time after which the process is killed.
+        report, enter_phase
+            Called with what the task reports meanwhile.
+
+        Returns
+        -------
+        Any
+            The task's result, from JSON.
+
+        Raises
+        ------
+        SsilDataError, Problem
+            If the task raised it: the request was wrong.
+        TaskError
+            If the task failed otherwise.
+        """
+        timer = Timer(seconds, self._time_out)
+        timer.daemon = True
+        timer.start()
         try:
-            return self._answer({"task": task, "arguments": arguments}, report)
+            self._send({"task": task, "arguments": arguments})
+            return self._wait_for_result(report, enter_phase, seconds)
         finally:
-            watch.cancel()
-            watch.join()  # afterwards it is known whether the process was killed
+            timer.cancel()
+            timer.join()  # from now on the timer kills nothing, and `alive` is right
 
-    def _answer(self, order: dict[str, Any], report: Report) -> Any:
-        self._send(json.dumps(order).encode() + b"\n")
-        while message := self._listen():
-            if "progress" in message:
-                report(message["progress"])
-            elif "error" in message:
-                raise _error(message["error"])
-            else:
-                return message["result"]
-        raise self._describe_death()
-
-    def _send(self, line: bytes) -> None:
+    def _send(self, request: dict[str, Any]) -> None:
         assert self._process.stdin is not None
-        with suppress(OSError, ValueError):  # killed before it began: nothing will be heard of it
-            self._process.stdin.write(line)
+        with suppress(OSError, ValueError):  # the process is dead: reading its answer tells so
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
             self._process.stdin.flush()
 
-    def _listen(self) -> dict[str, Any]:
-        """Return what the process says next; nothing if it ended, even within a line."""
+    def _wait_for_result(self, report: Report, enter_phase: EnterPhase, seconds: float) -> Any:
+        while message := self._read_message():
+            if "progress" in message:
+                report(message["progress"])
+            elif "phase" in message:
+                enter_phase(message["phase"])
+            elif "error" in message:
+                raise _exception(message["error"])
+            else:
+                return message["result"]
+        self.kill()
+        if self._timed_out:
+            raise TaskError("TimeoutError", f"the task took longer than {seconds:g} s")
+        status = self._process.returncode
+        raise TaskError("CrashError", f"the process ended with status {status}")
+
+    def _read_message(self) -> dict[str, Any]:
+        """Return what the process writes next; an empty message if it ended, even in mid-line."""
         assert self._process.stdout is not None
         try:
             message = json.loads(self._process.stdout.readline())
         except (OSError, ValueError, RecursionError):
             return {}
-        known = isinstance(message, dict) and {"progress", "error", "result"} & message.keys()
-        return message if known else {}
+        is_known = isinstance(message, dict) and bool(_MESSAGES & message.keys())
+        return message if is_known else {}
 
-    def _describe_death(self) -> TaskError:
-        self.kill()
-        if self._late:
-            return TaskError("TimeoutError", "the task took longer than it may")
-        return TaskError("CrashError", f"the process ended with status {self._process.returncode}")
-
-    def _too_late(self) -> None:
-        self._late = True
+    def _time_out(self) -> None:
+        self._timed_out = True
         self.kill_soon()
 
     def kill_soon(self) -> None:
-        """End the process; whoever waits for its answer cleans up."""
+        """Kill the process from any thread; the one that waits for its answer cleans up."""
         self._killed = True
         self._process.kill()
 
     def kill(self) -> None:
-        """End the process at once."""
+        """Kill the process, wait for its end, and close its pipes."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -110,36 +171,58 @@ class Worker:
                 pipe.close()
 
     @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
-        """Tell whether the process still runs, and was not told to end."""
+        """Whether the process runs and was not killed."""
         return not self._killed and self._process.poll() is None
 
 
-Started = Callable[[Worker | None], None]
+AssignWorker = Callable[[Worker | None], None]
+"""Called with a worker when it begins a task, and with None when it is released."""
 
 
 def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment of a process that needs no keys; names in either case are settings."""
-    secret = ("SSIL_READ_KEY", "SSIL_WRITE_KEY")
-    return {name: value for name, value in environment.items() if name.upper() not in secret}
+    """Return an environment without the API keys, whose names count in either case."""
+    return {name: value for name, value in environment.items() if name.upper() not in _SECRETS}
 
 
-def _error(error: dict[str, Any]) -> Exception:
-    if error["kind"] == "Problem":
+def _exception(error: dict[str, Any]) -> Exception:
+    """Return the exception that a worker describes."""
+    kind = error["kind"]
+    if kind == "Problem":
         return Problem(error["status"], error["detail"])
-    if error["kind"] in _KINDS:
-        return _KINDS[error["kind"]](error["detail"])
-    return TaskError(error["kind"], error["detail"])
+    return caller_error(kind, error["detail"]) or TaskError(kind, error["detail"])
 
 
 @dataclass
 class Pool:
-    """Workers for tasks that may crash; up to `keep` are kept warm between tasks."""
+    """Worker processes for tasks that may crash or take too much memory.
+
+    There are as many as tasks run at once: who calls `run` bounds that.
+
+    Parameters
+    ----------
+    lock
+        The server's lock (`ServerLease.lock`).
+    memory_limit
+        Most bytes of memory of one process.
+    seconds
+        Time after which a task is killed.
+    keep
+        Most idle workers that are kept for the next task, which saves starting one.
+    start_worker
+        Starts a process, from `lock` and `memory_limit`.
+    """
 
     lock: Path
-    most_bytes: int
+    memory_limit: int
     seconds: float
     keep: int = 0
+    start_worker: Callable[[Path, int], Worker] = Worker
 
     def __post_init__(self) -> None:
         """Begin without a worker."""
@@ -148,46 +231,85 @@ class Pool:
         self._guard = Lock()
         self._closed = False
 
+    @property
+    def idle_count(self) -> int:
+        """Workers that wait for a task."""
+        return len(self._idle)
+
     def run(
         self,
         task: str,
         arguments: dict[str, Any],
         *,
-        report: Report = lambda progress: None,
-        started: Started = lambda worker: None,
+        report: Report = _ignore,
+        enter_phase: EnterPhase = _ignore,
+        assign_worker: AssignWorker = _ignore,
     ) -> Any:
-        """Run a task in a worker; `started` is told which may be killed, None before it is idle."""
+        """Run a task in a worker and wait for its end.
+
+        Parameters
+        ----------
+        task, arguments, report, enter_phase
+            See `Worker.run`.
+        assign_worker
+            `assign_worker(worker)` is called when a worker begins, `assign_worker(None)` when it
+            is released. In between the worker may be killed to stop the task.
+
+        Returns
+        -------
+        Any
+            The task's result.
+
+        Raises
+        ------
+        SsilDataError, Problem
+            If the request was wrong.
+        TaskError
+            If the task failed otherwise, no process could be started, or the pool is closed.
+        """
+        worker = self._take_worker()
+        try:
+            assign_worker(worker)
+            return worker.run(
+                task, arguments, seconds=self.seconds, report=report, enter_phase=enter_phase
+            )
+        finally:
+            assign_worker(None)
+            self._release(worker)
+
+    def _take_worker(self) -> Worker:
+        """Return an idle worker, or start one."""
         with self._guard:
             if self._closed:
                 raise TaskError("ShutdownError", "the service is shutting down")
-            worker = self._idle.pop() if self._idle else self._new()
+            worker = self._idle.pop() if self._idle else self._start_worker()
             self._busy.add(worker)
-        try:
-            started(worker)
-            return worker.run(task, arguments, report, self.seconds)
-        finally:
-            started(None)
-            with self._guard:
-                self._busy.discard(worker)
-                kept = worker.alive and len(self._idle) < self.keep and not self._closed
-                if kept:
-                    self._idle.append(worker)
-            if not kept:
-                worker.kill()
+        return worker
 
-    def _new(self) -> Worker:
+    def _start_worker(self) -> Worker:
         try:
-            return Worker(self.lock, self.most_bytes)
+            return self.start_worker(self.lock, self.memory_limit)
         except OSError as error:  # too many processes, or too little memory
             detail = f"no process could be started ({type(error).__name__})"
             raise TaskError("StartError", detail) from None
 
+    def _release(self, worker: Worker) -> None:
+        """Keep a worker for the next task if it lives and there is room for it, else end it."""
+        with self._guard:
+            self._busy.discard(worker)
+            keep = worker.alive and len(self._idle) < self.keep and not self._closed
+            if keep:
+                self._idle.append(worker)
+        if not keep:
+            worker.kill()
+
     def close(self) -> None:
-        """End all workers."""
+        """End all workers; what they have written by now is still read."""
         with self._guard:
             self._closed = True
             for worker in self._busy:
-                worker.kill_soon()  # what it has said by now is still heard
-            idle = [self._idle.pop() for _ in list(self._idle)]
+                worker.kill_soon()
+            idle = list(self._idle)
+            self._idle.clear()
         for worker in idle:
             worker.kill()

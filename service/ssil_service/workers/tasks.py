@@ -1,13 +1,13 @@
-"""What worker processes do: fit and score, decode Parquet, write what was uploaded.
+"""The tasks of worker processes: fit and score, decode Parquet, write an upload.
 
-Each task imports what it needs: a body is decoded without waiting for torch.
+Each task imports what it needs, so that a body is decoded without waiting for torch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Protocol
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -17,40 +17,86 @@ from ssil_data.errors import InvalidInputError
 from ssil_service.formats.arrow import not_readable, read_stream
 from ssil_service.problems import Problem
 
-Progress = Callable[[str, int, int], None]
+Phase = Literal["reading", "writing"]
+"""What a task does with a body. It begins with reading, during which nothing is changed and the
+body is to blame for a failure; in writing, a change may have been made."""
+
+
+class Reporter(Protocol):
+    """How a task tells the server how far it is."""
+
+    def __call__(self, what: str, done: int, of: int) -> None:
+        """Report that `done` of `of` steps of `what` are done."""
+        ...
+
+    def enter(self, phase: Phase) -> None:
+        """Report that the task enters a phase."""
+        ...
 
 
 def make_run(
-    *, store: str, dataset: str, version: str, run: str, body: Mapping[str, Any], report: Progress
+    *,
+    store: str,
+    dataset: str,
+    version: str,
+    run: str,
+    body: Mapping[str, Any],
+    report: Callable[[str, int, int], None],
 ) -> None:
-    """Make a run as the body of a job describes it; the dataset is not deleted meanwhile."""
-    from ssil_data import scales
-    from ssil_data.estimators import from_json
-    from ssil_data.scoring import rescore, score
+    """Make a run as the body of a job describes it; the dataset cannot be deleted meanwhile.
+
+    Parameters
+    ----------
+    store
+        Folder or URI of the store.
+    dataset, version
+        What is scored.
+    run
+        Name of the new run.
+    body
+        Either `{"fitted": {"dataset": …, "run": …}}`, a run whose fitted estimator scores, or the
+        settings `estimator`, `scale`, `labeled_is_one` and `seed` of a fit.
+    report
+        Called with the progress.
+
+    Raises
+    ------
+    SsilDataError
+        If it cannot be made as described, or the name is in use.
+    """
+    from ssil_data.scoring import Recipe, rescore, score
     from ssil_data.store import Store
 
-    place = Store(store)
-    with place.open_for_writing(dataset) as newest:
+    opened = Store(store)
+    with opened.open_for_writing(dataset) as newest:
         scored = newest.at(version)
         if "fitted" in body:
             fitted = body["fitted"]
-            source = place[fitted["dataset"] or dataset]
+            source = opened[fitted["dataset"] or dataset]
             rescore(scored, source, fitted["run"], run=run, progress=report)
         else:
-            score(
-                scored,
-                from_json(body["estimator"]),
-                scale=scales.settings_from_json(body["scale"]),
-                labeled_is_one=body["labeled_is_one"],
-                seed=body["seed"],
-                run=run,
-                progress=report,
-            )
+            recipe = Recipe.from_json(body)
+            score(scored, recipe, seed=body["seed"], run=run, progress=report)
 
 
-def decode(*, source: str, target: str, most_rows: int, report: Progress) -> None:
-    """Read a Parquet file and write it as an Arrow stream."""
-    table = _parquet(Path(source), most_rows)
+def decode(*, source: str, target: str, most_rows: int, report: Reporter) -> None:
+    """Read a Parquet file and write it as an Arrow stream.
+
+    Parameters
+    ----------
+    source, target
+        Paths of the two files.
+    most_rows
+        Rows that the file may have.
+    report
+        Not used: reading is the only phase.
+
+    Raises
+    ------
+    Problem
+        413 for too many rows, 422 for a file that is not readable.
+    """
+    table = _read_parquet(Path(source), most_rows)
     Path(target).write_bytes(encode(table))
 
 
@@ -64,22 +110,55 @@ def upload(
     layout: Mapping[str, Any],
     file: str,
     most_rows: int,
-    report: Progress,
+    report: Reporter,
 ) -> str:
-    """Write an uploaded file as a new dataset, or a new version of one; return the version."""
+    """Write an uploaded file as a new dataset, or append it to one.
+
+    Parameters
+    ----------
+    store
+        Folder or URI of the store.
+    dataset
+        Name of the dataset.
+    source
+        Path of the uploaded file.
+    media
+        Its media type, Parquet or an Arrow stream.
+    append
+        Whether the dataset exists and gets more episodes.
+    layout
+        Which columns hold what, as the request's parameters name them.
+    file
+        What the episodes name as their source.
+    most_rows
+        Rows that the file may have.
+    report
+        Told when the file is read and writing begins.
+
+    Returns
+    -------
+    str
+        The version of the dataset with the upload.
+
+    Raises
+    ------
+    Problem
+        413 for too many rows, 422 for a file that is not readable.
+    SsilDataError
+        If the store refuses the episodes.
+    """
     from ssil_data.store import Store
     from ssil_service.formats.episodes import Upload
 
-    report("read", 0, 1)
-    read = _parquet if media == PARQUET else _arrow
+    read = _read_parquet if media == PARQUET else _read_arrow
     found = Upload.of(read(Path(source), most_rows), layout=layout, file=file)
-    report("read", 1, 1)
-    place = Store(store)
+    report.enter("writing")
+    opened = Store(store)
     if append:
-        with place.open_for_writing(dataset) as old:
-            found.refuse_other_names(old.state_names, old.action_names)
+        with opened.open_for_writing(dataset) as old:
+            found.check_dimension_names(old)
             return old.append(found.episodes).version
-    new = place.create(
+    new = opened.create(
         dataset,
         found.episodes,
         state_names=found.state_names,
@@ -94,18 +173,19 @@ TASKS: Mapping[str, Callable[..., Any]] = {
     "decode": decode,
     "upload": upload,
 }
+"""Tasks by the name under which the server asks for them."""
 
 
-def _arrow(source: Path, most_rows: int) -> pa.Table:
-    # not closed here: the table's buffers lie in the mapping, which goes when they do
+def _read_arrow(source: Path, most_rows: int) -> pa.Table:
+    # the mapping is not closed here: the table's buffers lie in it and keep it open
     body = pa.memory_map(str(source)).read_buffer()
     return read_stream(body, most_rows=most_rows, check=lambda schema: None)
 
 
-def _parquet(source: Path, most_rows: int) -> pa.Table:
-    """Read a Parquet file whose footer promises no more than it may hold.
+def _read_parquet(source: Path, most_rows: int) -> pa.Table:
+    """Read a Parquet file; its footer must not promise more rows than are allowed.
 
-    The footer may lie: what it hides is stopped by this process's limit of memory.
+    A footer that lies is caught by the limit of this process's memory.
     """
     try:
         parquet = pq.ParquetFile(source, page_checksum_verification=True)

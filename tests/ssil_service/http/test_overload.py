@@ -193,7 +193,8 @@ def test_event_streams_have_places_of_their_own(folder: Path):
 
 
 def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
-    state, received = ServerLease(tmp_path), Event()
+    lease = ServerLease(tmp_path)
+    received = Event()
 
     async def endless() -> AsyncIterator[bytes]:
         while not received.is_set():
@@ -206,7 +207,7 @@ def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
 
     async def crowd() -> None:
         pool: Any = None
-        decoder = Decoder(state, pool, query_rows=1, upload_rows=1)
+        decoder = Decoder(lease, pool, query_rows=1, upload_rows=1)
         held = [asyncio.ensure_future(decoder.upload(endless())) for _ in range(18)]
         await asyncio.sleep(0.1)
         with pytest.raises(Problem) as refusal:
@@ -217,5 +218,5 @@ def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
         await asyncio.gather(*held, return_exceptions=True)
 
     asyncio.run(crowd())
-    assert [path.name for path in state.place.iterdir()] == ["lock"]
-    state.close()
+    assert [path.name for path in lease.folder.iterdir()] == ["lock"]
+    lease.close()

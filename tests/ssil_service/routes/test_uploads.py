@@ -3,6 +3,7 @@
 import io
 from collections.abc import Iterable
 from pathlib import Path
+from unittest.mock import Mock
 
 import httpx
 import numpy as np
@@ -118,7 +119,7 @@ def test_a_dataset_is_not_deleted_while_it_is_appended_to(
         layout={},
         file="upload",
         most_rows=100,
-        report=lambda *step: None,
+        report=Mock(),
     )
     assert local["drives"].version == version
     local.delete("drives")

@@ -105,7 +105,7 @@ def test_workers_do_not_inherit_the_keys(monkeypatch: pytest.MonkeyPatch, tmp_pa
     lock.touch()
     worker = Worker(lock, 2**30)
     try:
-        place = Path(f"/proc/{worker._process.pid}/environ")
+        place = Path(f"/proc/{worker.pid}/environ")
         while not (environment := place.read_bytes()):  # its program is not there yet
             time.sleep(0.01)
     finally:
