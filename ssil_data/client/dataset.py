@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ssil_data import scales
 from ssil_data.client.connection import Connection
 from ssil_data.client.field import RemoteField, RemoteModel
 from ssil_data.client.jobs import RemoteJob
@@ -20,10 +19,9 @@ from ssil_data.client.runs import RemoteRuns, run_path
 from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW, IDEMPOTENCY, matrix_of_rows, pairs_of_table
 from ssil_data.demonstrations import Episode, Pairs, join_pairs
-from ssil_data.estimators import Estimator, to_json
+from ssil_data.estimators import Estimator
 from ssil_data.kernels import check_alpha
-from ssil_data.scales import Scale
-from ssil_data.scoring import Progress
+from ssil_data.scoring import Progress, Recipe
 from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
 from ssil_data.store.run_record import Run
 
@@ -258,19 +256,38 @@ class RemoteDataset:
 
     def score(
         self,
-        estimator: Estimator,
+        recipe: Recipe | Estimator,
         *,
-        scale: Scale | None = None,
-        labeled_is_one: bool = False,
         seed: int = 0,
         run: str | None = None,
         progress: Progress | None = None,
     ) -> Run:
-        """Have a run made, as `ssil_data.score` makes one, and wait for it."""
-        body: dict[str, Any] = {"estimator": to_json(estimator), "seed": seed}
-        body |= {"labeled_is_one": labeled_is_one, "run": run}
-        if scale is not None:
-            body["scale"] = scales.to_json(scale)
+        """Have the service give every pair a leverage, as `ssil_data.score` does, and wait for it.
+
+        Parameters
+        ----------
+        recipe
+            How: a recipe, or an estimator, which then goes with the quantile scale.
+        seed
+            Of the fit. Same seed, same machine, same bytes.
+        run
+            Name of the run; the estimator's kind, numbered, unless given.
+        progress
+            Called with what is being done, how much of it is done, and how much there is.
+
+        Returns
+        -------
+        Run
+            The record of the run.
+
+        Raises
+        ------
+        InvalidInputError
+            Without labeled pairs.
+        ConflictError
+            If a run of that name exists.
+        """
+        body = {**Recipe.of(recipe).to_json(), "seed": seed, "run": run}
         return self.runs[self.start(body).wait(progress)]
 
     def rescore(
@@ -281,7 +298,33 @@ class RemoteDataset:
         run: str | None = None,
         progress: Progress | None = None,
     ) -> Run:
-        """Have every pair scored with what another run fitted, and wait for it."""
+        """Have the service give every pair a leverage with what another run fitted.
+
+        Parameters
+        ----------
+        source
+            The dataset of the other run, at the same service.
+        source_run
+            The other run's name.
+        run
+            Name of the new run; the estimator's kind, numbered, unless given.
+        progress
+            Called with what is being done, how much of it is done, and how much there is.
+
+        Returns
+        -------
+        Run
+            The record of the new run.
+
+        Raises
+        ------
+        NotFoundError
+            If `source` has no such run.
+        InvalidInputError
+            For other widths.
+        ConflictError
+            If a run of the new name exists.
+        """
         fitted = {"dataset": source.name, "run": source_run}
         return self.runs[self.start({"fitted": fitted, "run": run}).wait(progress)]
 

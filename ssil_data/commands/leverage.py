@@ -83,15 +83,7 @@ def score(
             recipe = recipe_of(preset or "default", estimator).with_options(
                 scale=scale, surprisal=surprisal
             )
-            record = score_dataset(
-                dataset,
-                recipe.estimator,
-                scale=recipe.scale,
-                labeled_is_one=recipe.labeled_is_one,
-                seed=seed or 0,
-                run=run,
-                progress=report,
-            )
+            record = score_dataset(dataset, recipe, seed=seed or 0, run=run, progress=report)
     summary = _summarize_run(record)
     if json:
         print_json({**summary, "alpha": record.alpha, "settings": dict(record.estimator)})

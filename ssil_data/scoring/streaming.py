@@ -13,12 +13,24 @@ from ssil_data.errors import DamagedError
 from ssil_data.estimators import Fitted
 
 SAMPLE = 4096
-"""About as many states, evenly spaced, are kept from the stream."""
+"""About so many states, evenly spaced, are kept from the stream to choose the kernel by."""
 
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """Of n pairs: uncertainty (n,) and its parts; mean and variance (d,) and a sample of states."""
+    """What one pass over n pairs gives.
+
+    Parameters
+    ----------
+    uncertainty
+        Of every pair, (n,).
+    parts
+        What it is made of, by name, (n,) each.
+    mean, variance
+        Of each state dimension, (d,).
+    sample
+        Some `SAMPLE` states, evenly spaced, (m, d).
+    """
 
     uncertainty: NDArray[np.float32]
     parts: Mapping[str, NDArray[np.float32]]
@@ -28,47 +40,79 @@ class Streamed:
 
 
 def stream(
-    batches: Iterable[Pairs], fitted: Fitted, *, count: int, seen: Callable[[int], None]
+    batches: Iterable[Pairs], fitted: Fitted, *, count: int, progress: Callable[[int], None]
 ) -> Streamed:
-    """Ask a fitted estimator about `count` pairs, batch by batch; `seen` hears how many are done.
+    """Give every pair its uncertainty, batch by batch.
 
-    Memory: 4 bytes a pair, and 4 for each part, beside one batch. Raises DamagedError where there
-    are fewer or more pairs.
+    Memory: 4 bytes a pair, and 4 for each part, beside one batch.
+
+    Parameters
+    ----------
+    batches
+        The pairs in order; episodes may be cut between batches.
+    fitted
+        The estimator.
+    count
+        How many pairs there are, by the log.
+    progress
+        Called with how many pairs are done.
+
+    Returns
+    -------
+    Streamed
+        Uncertainty of the pairs, moments and a sample of their states.
+
+    Raises
+    ------
+    DamagedError
+        Where there are fewer or more pairs than `count`.
     """
     uncertainty = np.empty(count, np.float32)
     parts: dict[str, NDArray[np.float32]] = {}
-    moments, sample, done = _Moments(), [], 0
-    rows = slice(0, 0)
+    moments = _Moments()
+    sample: list[NDArray[np.float32]] = []
     stride = max(1, count // SAMPLE)
+    done = 0
     for batch, inner in add_margins(batches, fitted.margin):
         answer = fitted.uncertainty(batch)
         states = batch.states[inner]
         rows = slice(done, done + len(states))
         if rows.stop > count:
-            break
+            raise DamagedError(f"pairs: expected {count} as logged, found {rows.stop} or more")
         uncertainty[rows] = answer.total[inner]
         for name, values in answer.parts.items():
             parts.setdefault(name, np.empty(count, np.float32))[rows] = values[inner]
         moments.add(states)
         sample.append(states[-done % stride :: stride])
         done = rows.stop
-        seen(done)
-    if rows.stop != count:
-        raise DamagedError(f"pairs: expected {count} as logged, found {rows.stop} or more")
+        progress(done)
+    if done != count:
+        raise DamagedError(f"pairs: expected {count} as logged, found {done}")
     return Streamed(uncertainty, parts, moments.mean, moments.variance, np.concatenate(sample))
 
 
 def add_margins(batches: Iterable[Pairs], margin: int) -> Iterator[tuple[Pairs, slice]]:
-    """Give each batch `margin` rows of its neighbours, and say where its own rows lie.
+    """Give each batch some rows of its neighbors, so that the cuts between batches do not show.
 
-    An estimator that looks at neighbouring rows answers as if the stream were one array.
+    Parameters
+    ----------
+    batches
+        Pairs in order.
+    margin
+        Rows of the batch before and of the batch after; 0 gives the batches as they are.
+
+    Returns
+    -------
+    Iterator
+        Each batch with its margins, and where its own rows lie in it.
     """
     before: Pairs | None = None
     current: Pairs | None = None
     for after in batches:
         if current is not None:
             yield _with_margin(before, current, after, margin)
-        before, current = current, after
+        before = current
+        current = after
     if current is not None:
         yield _with_margin(before, current, None, margin)
 
@@ -102,7 +146,9 @@ class _Moments:
         values -= mean
         squares = np.einsum("nd,nd->d", values, values)
         if not self.count:
-            self.count, self.mean, self._squares = len(values), mean, squares
+            self.count = len(values)
+            self.mean = mean
+            self._squares = squares
             return
         total = self.count + len(values)
         offset = mean - self.mean

@@ -24,14 +24,7 @@ def racetrack(tmp_path: Path) -> Dataset:
 
 
 def judged(dataset: Dataset, kind: str, preset_name: str) -> Quality:
-    recipe = preset(preset_name, kind)
-    run = score(
-        dataset,
-        recipe.estimator,
-        scale=recipe.scale,
-        labeled_is_one=recipe.labeled_is_one,
-        seed=0,
-    )
+    run = score(dataset, preset(preset_name, kind), seed=0)
     return quality(dataset, dataset.leverage(run.name))
 
 

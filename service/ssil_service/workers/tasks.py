@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from ssil_data.client.wire import PARQUET, encode
 from ssil_data.errors import InvalidInputError
-from ssil_service.formats.arrow import not_readable, read_stream
+from ssil_service.formats.arrow import read_stream, unreadable
 from ssil_service.problems import Problem
 
 Phase = Literal["reading", "writing"]
@@ -202,4 +202,4 @@ def _read_parquet(source: Path, most_rows: int) -> pa.Table:
     except (Problem, InvalidInputError, MemoryError, pa.ArrowMemoryError):
         raise
     except Exception as error:
-        raise not_readable("a Parquet file", error) from None
+        raise unreadable("a Parquet file", error) from None

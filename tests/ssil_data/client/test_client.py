@@ -1,4 +1,4 @@
-"""The client is the local store over REST: the same surface, the same bits, and patience."""
+"""The client is the local store over REST: the same surface, the same bits, and retries."""
 
 import contextlib
 import json
@@ -161,12 +161,12 @@ def test_a_model_scores_pairs_like_the_local_one(dataset: RemoteDataset, local: 
 def test_a_run_is_made_as_locally_and_tells_its_progress(remote: RemoteStore, tmp_path: Path):
     told: list[tuple[str, int, int]] = []
     made = remote["drives"].score(
-        sd.VAE(steps=20), scale=sd.MinMax(), seed=5, progress=lambda *step: told.append(step)
+        sd.Recipe(sd.VAE(steps=20), sd.MinMax()), seed=5, progress=lambda *step: told.append(step)
     )
     twin = sd.Store(tmp_path).create(
         "drives", drives(), state_names=STATE_NAMES, action_names=ACTION_NAMES
     )
-    expected = sd.score(twin, sd.VAE(steps=20), scale=sd.MinMax(), seed=5)
+    expected = sd.score(twin, sd.Recipe(sd.VAE(steps=20), sd.MinMax()), seed=5)
     assert_array_equal(remote["drives"].leverage(made.name), twin.leverage(expected.name))
     assert (made.seed, made.scale, made.model) == (5, expected.scale, expected.model)
     assert told[-1] == ("score", 420, 420)
@@ -232,7 +232,7 @@ def answering(*answers: httpx.Response | Exception) -> tuple[RemoteStore, list[h
         return found
 
     transport = httpx.MockTransport(answer)
-    return connect("http://service", "the key", patience=QUICK, transport=transport), seen
+    return connect("http://service", "the key", retry=QUICK, transport=transport), seen
 
 
 LISTED = {"datasets": [{"dataset": "drives"}]}
@@ -256,7 +256,7 @@ def test_a_busy_or_lost_service_is_asked_again(failure: httpx.Response | Excepti
     assert seen[0].headers["authorization"] == "Bearer the key"
 
 
-def test_patience_ends(monkeypatch: pytest.MonkeyPatch):
+def test_retries_end(monkeypatch: pytest.MonkeyPatch):
     store, seen = answering(*[httpx.Response(503, json=BUSY)] * 10_000)
     with pytest.raises(sd.ServiceError, match="busy"):
         store.names()
@@ -273,7 +273,7 @@ def test_the_time_that_a_busy_service_names_is_waited():
 
 def test_what_may_not_be_repeated_is_not_sent_twice():
     store, seen = answering(httpx.ReadError("reset"), httpx.Response(204))
-    with pytest.raises(sd.ServiceError, match="reset; what was asked may be done"):
+    with pytest.raises(sd.ServiceError, match="reset; the change may have been made: look before"):
         store.delete("drives")
     assert len(seen) == 1
 
@@ -285,7 +285,7 @@ def test_what_may_not_be_repeated_is_repeated_after_refusals_before_any_work_alo
     store.delete("drives")
     assert len(seen) == 3
     store, seen = answering(httpx.Response(status, json=BUSY), httpx.Response(204))
-    with pytest.raises(sd.ServiceError, match="busy; what was asked may be done"):
+    with pytest.raises(sd.ServiceError, match="busy; the change may have been made: look before"):
         store.delete("drives")
     assert len(seen) == 1
 
@@ -304,7 +304,7 @@ def test_an_append_whose_answer_was_held_back_is_made_once(local: sd.Store):
             return late if request.url.path.endswith("/episodes") else answer
 
         client.send = refused  # pyright: ignore[reportAttributeAccessIssue]
-        with pytest.raises(sd.ServiceError, match="may be done: look"):
+        with pytest.raises(sd.ServiceError, match="may have been made: look"):
             dataset.append([drive(1, 5)])
         assert len(local["once"].episodes) == 2
         store.delete("once")
@@ -339,7 +339,7 @@ def test_many_short_episodes_are_written_at_once(remote: RemoteStore):
 def test_a_store_that_is_closed_says_so(local: sd.Store):
     store = embed(local.folder.uri, jobs=1)
     store.close()
-    with pytest.raises(sd.ServiceError, match="expected an open connection, found it closed"):
+    with pytest.raises(sd.ServiceError, match="this store is closed; connect again"):
         store.names()
 
 
@@ -382,7 +382,7 @@ def slow() -> Iterator[ThreadingHTTPServer]:
 
 def test_what_takes_work_is_waited_for_and_asked_once(slow: ThreadingHTTPServer):
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
-    with connect(f"http://127.0.0.1:{slow.server_port}", timeout=0.2, patience=QUICK) as store:
+    with connect(f"http://127.0.0.1:{slow.server_port}", timeout=0.2, retry=QUICK) as store:
         assert store.create("slow", [drive(0, 5)], **names).name == "slow"
         with pytest.raises(sd.ServiceError, match="timed out"):
             store.names()
@@ -392,8 +392,8 @@ def test_what_takes_work_is_waited_for_and_asked_once(slow: ThreadingHTTPServer)
 def test_the_wait_for_work_has_an_end_that_tells_what_may_have_happened(slow: ThreadingHTTPServer):
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
     url = f"http://127.0.0.1:{slow.server_port}"
-    store = connect(url, work_timeout=0.2, patience=QUICK)
-    with store, pytest.raises(sd.ServiceError, match="may be done"):
+    store = connect(url, work_timeout=0.2, retry=QUICK)
+    with store, pytest.raises(sd.ServiceError, match="the change may have been made"):
         store.create("slow", [drive(0, 5)], **names)
     assert Slow.asked == 1
 
@@ -454,12 +454,12 @@ def test_threads_may_share_a_store(remote: RemoteStore, local: sd.Store):
 
 
 def test_waits_grow_with_jitter_up_to_a_longest():
-    patience = RetryPolicy(first=1, longest=8, total=60)
+    policy = RetryPolicy(first=1, longest=8, total=60)
     for attempt, most in enumerate([1, 2, 4, 8, 8, 8]):
-        waits = [patience.seconds_before(attempt, 0) for _ in range(50)]
+        waits = [policy.seconds_before(attempt, 0) for _ in range(50)]
         assert most / 2 <= min(waits) < max(waits) <= most
-    assert patience.seconds_before(0, 5.0) >= 5.0
-    assert patience.seconds_before(10_000, 0) <= 8
+    assert policy.seconds_before(0, 5.0) >= 5.0
+    assert policy.seconds_before(10_000, 0) <= 8
 
 
 def test_nothing_is_asked_before_it_is_needed():

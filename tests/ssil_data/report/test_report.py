@@ -18,7 +18,7 @@ from ssil_data.report import write_report
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.findings import disputes, least_trusted
 from ssil_data.scales import MinMax
-from ssil_data.scoring import rescore, score
+from ssil_data.scoring import Recipe, rescore, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
@@ -123,7 +123,7 @@ def test_a_dataset_without_tiers_scores_and_positions_has_a_page(store: Store, t
 def test_a_dataset_of_labeled_episodes_alone_has_a_page(store: Store, tmp_path: Path):
     dataset = plain(store, [drive(seed, 30, labeled=True) for seed in range(2)])
     score(dataset, QUICK, run="one")
-    score(dataset, QUICK, run="two", scale=MinMax())
+    score(dataset, Recipe(QUICK, MinMax()), run="two")
     assert "Every episode is labeled" in reported(dataset, tmp_path).text
 
 
@@ -137,7 +137,7 @@ def test_a_dataset_without_labeled_episodes_has_a_page(
 
 
 def test_the_run_of_the_best_auroc_is_shown_first(dataset: Dataset, tmp_path: Path):
-    score(dataset, VAE(steps=1, hidden=1, latent=1), run="poor", scale=MinMax())
+    score(dataset, Recipe(VAE(steps=1, hidden=1, latent=1), MinMax()), run="poor")
     score(dataset, VAE(steps=300), run="good")
     aurocs = {run: quality(dataset, dataset.leverage(run)).auroc or 0 for run in ("poor", "good")}
     assert aurocs["good"] > aurocs["poor"]
@@ -147,7 +147,7 @@ def test_the_run_of_the_best_auroc_is_shown_first(dataset: Dataset, tmp_path: Pa
 def test_every_chart_draws_with_its_titles(store: Store, tmp_path: Path):
     dataset = plain(store, [with_positions(seed, labeled=seed == 0) for seed in range(3)])
     score(dataset, QUICK, run="one")
-    score(dataset, QUICK, run="two", scale=MinMax())
+    score(dataset, Recipe(QUICK, MinMax()), run="two")
     write_report(dataset, tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text("utf-8")
     specs = re.findall(r'<script type="application/json">(.*?)</script>', html)

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssil_data.commands.output import Place
+from ssil_data.commands.output import StoreLocation
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.quality import quality
 from ssil_data.scoring import preset, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_trainers.collection import rc_lidar as demonstrations
-from ssil_trainers.collection.pure_pursuit import Pursuit
+from ssil_trainers.collection.pure_pursuit import PurePursuit
 from ssil_trainers.collection.quality_tiers import Band
 from ssil_trainers.collection.rc_lidar import RC_BANDS, RCCollected, RCSettings, collect_rc
 from ssil_trainers.collection.rc_lidar_card import rc_card
@@ -67,8 +67,8 @@ def test_a_collection_has_whole_laps_half_of_them_labeled_and_exactly_the_negati
 
 def test_of_a_negative_drive_the_last_pairs_are_kept() -> None:
     for taken, episode in zip(miniature(0).taken, miniature(0).episodes(), strict=True):
-        assert episode.ending == taken.drive.ending
-        np.testing.assert_array_equal(episode.states, taken.drive.states[-len(episode) :])
+        assert episode.ending == taken.recorded.ending
+        np.testing.assert_array_equal(episode.states, taken.recorded.states[-len(episode) :])
         if episode.tier != "expert":
             assert len(episode) <= MINIATURE.segment
 
@@ -77,7 +77,7 @@ def test_scores_are_survived_steps_over_the_experts() -> None:
     collected = miniature(0)
     assert collected.expert_return == MINIATURE.lap_steps
     for taken in collected.taken:
-        assert taken.score == pytest.approx(taken.drive.total / MINIATURE.lap_steps)
+        assert taken.score == pytest.approx(taken.recorded.total_reward / MINIATURE.lap_steps)
     assert all(t.score == 1 for t in collected.taken if t.tier == "expert")
 
 
@@ -93,15 +93,15 @@ def test_same_seed_same_demonstrations_and_another_seed_others() -> None:
 
 
 def test_no_two_episodes_share_a_start() -> None:
-    starts = [tuple(taken.drive.states[0]) for taken in miniature(0).taken]
+    starts = [tuple(taken.recorded.states[0]) for taken in miniature(0).taken]
     assert len(set(starts)) == len(starts)
 
 
 def test_the_expert_keeps_to_the_middle_of_a_track_it_has_never_seen() -> None:
     env = RCLidarEnv(TRAINING_TRACK)
-    expert = Pursuit(env, ahead=1.4)
+    expert = PurePursuit(env, ahead=1.4)
     drive = EvaluationCourse(env, first_seed=0, action_noise=0.05).drive(expert)
-    line = env.track.places(0.05)[:, :2]
+    line = env.track.sample_poses(0.05)[:, :2]
     off = np.linalg.norm(drive.positions[:, None] - line[None], axis=2).min(axis=1)
     assert np.median(off) < 0.12
     assert str(expert) == "pure pursuit 1.4 m ahead"
@@ -116,7 +116,7 @@ def test_the_command_writes_a_dataset_with_its_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(demonstrations, "RC_BANDS", WIDE)
-    place = Place(str(tmp_path))
+    place = StoreLocation(str(tmp_path))
     collect_command(seed=0, settings=MINIATURE, place=place)
     dataset = Store(tmp_path)["rc-lidar"]
     assert "rc-lidar --seed 0 --name rc-lidar --laps 2 --lap-steps 60" in dataset.card
@@ -227,7 +227,7 @@ def test_the_committed_demonstrations_were_driven_on_the_collection_track(
     rc_lidar: Dataset,
 ) -> None:
     track, positions = find_track("yard"), rc_lidar.read_recorded("position")
-    line = track.places(0.2)[:, :2]
+    line = track.sample_poses(0.2)[:, :2]
     off = np.linalg.norm(positions[::7, None] - line[None], axis=2).min(axis=1)
     assert off.max() < 0.55
 
@@ -236,8 +236,7 @@ def test_the_committed_demonstrations_were_driven_on_the_collection_track(
 def test_experts_have_more_leverage_than_every_quality_of_negatives(
     rc_lidar: Dataset, kind: str
 ) -> None:
-    recipe = preset("default", kind)
-    run = score(rc_lidar, recipe.estimator, scale=recipe.scale, seed=0)
+    run = score(rc_lidar, preset("default", kind), seed=0)
     found = quality(rc_lidar, rc_lidar.leverage(run.name))
     means = found.mean_leverage_by_tier
     assert list(means) == [*TIERS, "expert"]

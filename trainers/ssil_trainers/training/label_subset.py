@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssil_data import scales
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_data.estimators import from_json
-from ssil_data.scoring import Progress, score
+from ssil_data.scoring import Progress, Recipe, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
@@ -103,22 +101,16 @@ def score_like(dataset: Dataset, source: Dataset, run: str, progress: Progress) 
     if run in dataset.runs.names():
         _check_same_settings(dataset, dataset.runs[run], record)
     else:
-        score(
-            dataset,
-            from_json(record.estimator),
-            scale=scales.settings_from_json(record.scale),
-            labeled_is_one=record.labeled_is_one,
-            seed=record.seed,
-            run=run,
-            progress=progress,
-        )
+        recipe = Recipe.of_run(record)
+        score(dataset, recipe, seed=record.seed, run=run, progress=progress)
     return run
 
 
 def _check_same_settings(dataset: Dataset, found: Run, expected: Run) -> None:
     """Raise ConflictError that names the first setting in which two runs differ."""
     for name in ("estimator", "scale", "labeled_is_one", "seed"):
-        one, other = getattr(expected, name), getattr(found, name)
+        one = getattr(expected, name)
+        other = getattr(found, name)
         if one != other:
             raise ConflictError(
                 f"run {found.name!r} of {dataset.name}: expected {name} {one!r}, as the run of the "
