@@ -1,4 +1,4 @@
-"""schemathesis with all checks, mutated bodies, kills: a little of each; the README has more."""
+"""A few schemathesis cases, mutated bodies and kills; the manual says how to run more."""
 
 import subprocess
 import sys
@@ -34,7 +34,7 @@ def test_the_service_does_what_its_openapi_document_says(
 
 
 @pytest.mark.parametrize(("what", "count"), [("mutations", 300), ("kills", 2)])
-def test_strangers_and_power_cuts_break_nothing(what: str, count: int, tmp_path: Path):
+def test_mutated_bodies_and_kills_break_and_lose_nothing(what: str, count: int, tmp_path: Path):
     script = ROOT / "tests" / "support" / "service_robustness.py"
     done = subprocess.run(
         [sys.executable, str(script), what, str(count)],

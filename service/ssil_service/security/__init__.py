@@ -1,1 +1,1 @@
-"""Who may ask: API keys, and the host names that are answered without them."""
+"""Access: API keys, and Host and Origin checks where there are none."""

@@ -1,4 +1,4 @@
-"""Who may ask and who may change: keys, compared in constant time."""
+"""API keys: a read key may query, a write key may also change; compared in constant time."""
 
 from __future__ import annotations
 
@@ -16,39 +16,90 @@ from ssil_data.errors import InvalidInputError
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings
 
-_HASHED = "sha256:"
+_DIGEST_PREFIX = "sha256:"
+_SHORTEST_KEY = 16
 _bearer = HTTPBearer(auto_error=False, description="A read or a write key.")
 _header = APIKeyHeader(name="X-API-Key", auto_error=False, description="A read or a write key.")
 
 
 @dataclass(frozen=True)
 class Keys:
-    """Digests of the keys; a write key may also read."""
+    """SHA-256 digests of the API keys; the keys themselves are not kept.
+
+    True if there is any key; without one, everybody may do everything.
+
+    Parameters
+    ----------
+    read
+        Digests of keys that may query.
+    write
+        Digests of keys that may query and change.
+    """
 
     read: tuple[bytes, ...]
     write: tuple[bytes, ...]
 
     @classmethod
     def of(cls, settings: Settings) -> Keys:
-        """Take the keys of the settings; raises InvalidInputError for a short or odd one."""
+        """Take the keys of the settings.
+
+        Parameters
+        ----------
+        settings
+            `read_key` and `write_key`: keys separated by commas, plain or as `sha256:<hex>`.
+
+        Returns
+        -------
+        Keys
+            Their digests.
+
+        Raises
+        ------
+        InvalidInputError
+            For a key that is too short, is not ASCII, or a digest that is not one.
+        """
         return cls(
             _digests("read_key", settings.read_key), _digests("write_key", settings.write_key)
         )
 
     def __bool__(self) -> bool:
-        """Tell whether there is any key: without one, everybody may do everything."""
+        """Return whether there is any key."""
         return bool(self.read or self.write)
 
     def may(self, key: str, *, write: bool) -> tuple[bool, bool]:
-        """Tell whether a key is known, and whether it may do this; every key is compared."""
+        """Look a key up; the time does not depend on which key it is.
+
+        Parameters
+        ----------
+        key
+            As the client sent it.
+        write
+            Whether the client wants to change something.
+
+        Returns
+        -------
+        known, allowed
+            Whether it is one of the keys, and whether it may do this.
+        """
         digest = hashlib.sha256(key.encode("utf-8", "surrogateescape")).digest()
-        writes = sum(hmac.compare_digest(digest, known) for known in self.write) > 0
-        reads = sum(hmac.compare_digest(digest, known) for known in self.read) > 0
-        return writes or reads, writes or (reads and not write)
+        is_write_key = sum(hmac.compare_digest(digest, known) for known in self.write) > 0
+        is_read_key = sum(hmac.compare_digest(digest, known) for known in self.read) > 0
+        return is_write_key or is_read_key, is_write_key or (is_read_key and not write)
 
 
-def refuse_open_doors(settings: Settings) -> None:
-    """Raise InvalidInputError if other machines could reach the service without a key."""
+def refuse_open_access(settings: Settings) -> None:
+    """Check that other machines cannot reach the service without a key.
+
+    Parameters
+    ----------
+    settings
+        Host and keys.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no key and the host is not a loopback address.
+    """
     if not Keys.of(settings) and not _is_loopback(settings.host):
         raise InvalidInputError(
             f"host: expected a loopback address without keys, found {settings.host}; "
@@ -64,59 +115,100 @@ def _is_loopback(host: str) -> bool:
 
 
 def _digests(name: str, secret: SecretStr | None) -> tuple[bytes, ...]:
+    """Return the digests of a setting's keys; `name` is the setting's, for messages."""
     given = "" if secret is None else secret.get_secret_value()
     return tuple(_digest(name, key.strip()) for key in given.split(",") if key.strip())
 
 
 def _digest(name: str, key: str) -> bytes:
-    if key.startswith(_HASHED):
-        try:
-            digest = bytes.fromhex(key.removeprefix(_HASHED))
-        except ValueError:
-            digest = b""
-        if len(digest) != 32:
-            raise InvalidInputError(f"{name}: expected {_HASHED} and 64 hexadecimal digits")
-        return digest
-    if not (key.isascii() and key.isprintable()):  # a header could not bring it
-        raise InvalidInputError(f"{name}: expected printable ASCII, found other characters")
-    if len(key) < 16:
-        raise InvalidInputError(f"{name}: expected at least 16 characters, found {len(key)}")
+    """Return the digest of one key; no message shows the key."""
+    if key.startswith(_DIGEST_PREFIX):
+        return _read_digest(name, key)
+    if not (key.isascii() and key.isprintable()):
+        raise InvalidInputError(
+            f"{name}: only printable ASCII can be sent in a header; choose another key"
+        )
+    if len(key) < _SHORTEST_KEY:
+        raise InvalidInputError(
+            f"{name}: expected at least {_SHORTEST_KEY} characters, found {len(key)}"
+        )
     return hashlib.sha256(key.encode()).digest()
 
 
-async def _read_keys(
+def _read_digest(name: str, key: str) -> bytes:
+    try:
+        digest = bytes.fromhex(key.removeprefix(_DIGEST_PREFIX))
+    except ValueError:
+        digest = b""
+    if len(digest) != hashlib.sha256().digest_size:
+        raise InvalidInputError(f"{name}: {_DIGEST_PREFIX} must be followed by 64 hex digits")
+    return digest
+
+
+async def _keys_of_request(
     request: Request,
     _one: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)],
     _other: Annotated[str | None, Security(_header)],
 ) -> list[str]:
-    """Return all keys of a request; credentials of another kind are a key that is none."""
+    """Return all keys that a request brings, repeated headers too.
+
+    FastAPI's own parameters serve the OpenAPI document only: they drop repeated headers. Other
+    credentials than a bearer token count as an empty key, which is never valid.
+    """
     credentials = (given.partition(" ") for given in request.headers.getlist("authorization"))
     bearers = [key.strip() if kind.lower() == "bearer" else "" for kind, _, key in credentials]
     return [*request.headers.getlist("x-api-key"), *bearers]
 
 
-# asynchronous, all three: FastAPI would run others in threads
-Given = Annotated[list[str], Security(_read_keys)]
+# the three dependencies are asynchronous: FastAPI would run other functions in threads
+RequestKeys = Annotated[list[str], Security(_keys_of_request)]
+"""All keys that a request brings."""
 
 
-async def may_read(request: Request, given: Given) -> None:
-    """Let in whoever has a key."""
-    _check(request, given, write=False)
+async def may_read(request: Request, request_keys: RequestKeys) -> None:
+    """Admit a request with a read or a write key; a dependency of routes that change nothing.
+
+    Parameters
+    ----------
+    request
+        Its application has the service's keys, in `app.state.keys`.
+    request_keys
+        The keys that the request brings; none of them may be wrong.
+
+    Raises
+    ------
+    Problem
+        401 without a valid key.
+    """
+    _check(request, request_keys, write=False)
 
 
-async def may_write(request: Request, given: Given) -> None:
-    """Let in whoever has a write key."""
-    _check(request, given, write=True)
+async def may_write(request: Request, request_keys: RequestKeys) -> None:
+    """Admit a request with a write key; a dependency of routes that change something.
+
+    Parameters
+    ----------
+    request
+        Its application has the service's keys, in `app.state.keys`.
+    request_keys
+        The keys that the request brings; none of them may be wrong.
+
+    Raises
+    ------
+    Problem
+        401 without a valid key, 403 for a read key.
+    """
+    _check(request, request_keys, write=True)
 
 
-def _check(request: Request, given: list[str], *, write: bool) -> None:
+def _check(request: Request, request_keys: list[str], *, write: bool) -> None:
     keys: Keys = request.app.state.keys
-    found = [keys.may(key, write=write) for key in given]
-    if not found or not all(known for known, _ in found):  # two keys: neither may be wrong
+    found = [keys.may(key, write=write) for key in request_keys]
+    if not found or not all(known for known, _ in found):
         raise Problem(
             401,
-            "key: expected a valid one as bearer token or X-API-Key",
+            "API key: missing or invalid; send a valid one as bearer token or as X-API-Key",
             headers={"WWW-Authenticate": "Bearer"},
         )
     if not any(allowed for _, allowed in found):
-        raise Problem(403, "key: expected a write key, found a read key")
+        raise Problem(403, "API key: expected a write key, found a read key")

@@ -1,7 +1,8 @@
-"""Under which names a service without keys is asked: a web page elsewhere must not reach it.
+"""Host and Origin checks against DNS rebinding when no API key is set.
 
-A page of another site can make a browser on this machine ask any address, and by rebinding its
-own name (DNS) even read the answers; the browser then still tells that name as Host and Origin.
+A page of another site can make a browser on this machine send requests to any address. By binding
+its own name to this machine (DNS rebinding) it can even read the answers; the browser then still
+sends that name as Host and Origin, and so the service can refuse it.
 """
 
 from __future__ import annotations
@@ -18,45 +19,83 @@ from starlette.types import Scope
 from ssil_service.problems import Problem
 from ssil_service.settings import Settings
 
-_ABSOLUTE = re.compile(rb"https?://([^/?#]*)(/.*)?", re.IGNORECASE)
-_LOCAL = ("localhost", "127.0.0.1", "[::1]")
+_ABSOLUTE_TARGET = re.compile(rb"https?://([^/?#]*)(/.*)?", re.IGNORECASE)
+_LOCAL_NAMES = ("localhost", "127.0.0.1", "[::1]")
 SAFE = ("GET", "HEAD", "OPTIONS")
 """Methods that change nothing."""
 
 
 @dataclass(frozen=True)
 class Hosts:
-    """The names, in lower case, addresses of version 6 in brackets."""
+    """Names under which the service may be addressed.
+
+    Parameters
+    ----------
+    names
+        In lower case, without a port; IPv6 addresses in brackets and in their shortest form.
+    """
 
     names: frozenset[str]
 
     @classmethod
     def of(cls, settings: Settings, others: Iterable[str] = ()) -> Hosts:
-        """Take the local names, the address that the service is bound to, and others."""
-        bound = _format_address(settings.host) if ":" in settings.host else settings.host.lower()
-        return cls(frozenset({*_LOCAL, bound, *others}))
+        """Take the names of a service.
+
+        Parameters
+        ----------
+        settings
+            The address that it is bound to.
+        others
+            Further names, as in `Hosts.names`.
+
+        Returns
+        -------
+        Hosts
+            Those, and the local names.
+        """
+        host = settings.host
+        bound = _shorten_ipv6(host) if ":" in host else host.lower()
+        return cls(frozenset({*_LOCAL_NAMES, bound, *others}))
 
     def refuse_foreign(self, method: str, headers: Mapping[bytes, bytes]) -> None:
-        """Raise a Problem: 421 for another host, 403 for a change that another site asks for."""
+        """Check where a request comes from.
+
+        Parameters
+        ----------
+        method
+            HTTP method in upper case.
+        headers
+            Names in lower case.
+
+        Raises
+        ------
+        Problem
+            421 for another Host, 403 for another Origin of a method that is not safe.
+        """
         host = headers.get(b"host", b"").decode("latin-1")
-        if _name(host) not in self.names:
-            raise Problem(421, "Host: expected a local name, as no keys are set, found another")
+        if _without_port(host) not in self.names:
+            raise Problem(
+                421, "Host: not a local name; without API keys only local names are answered"
+            )
+        if method in SAFE:
+            return
         origin = headers.get(b"origin")
-        foreign = origin is not None and origin.partition(b"://")[2] != host.encode("latin-1")
-        if foreign and method not in SAFE:
-            raise Problem(403, "Origin: expected this service, as no keys are set, found another")
+        if origin is not None and origin.partition(b"://")[2] != host.encode("latin-1"):
+            raise Problem(
+                403, "Origin: another site; without API keys it may only use GET, HEAD and OPTIONS"
+            )
 
 
-def _name(host: str) -> str:
-    """Return a host without its port."""
+def _without_port(host: str) -> str:
+    """Return a Host header in the form of `Hosts.names`."""
     if host.startswith("["):
-        return _format_address(host[1:].partition("]")[0])
+        return _shorten_ipv6(host[1:].partition("]")[0])
     return host.partition(":")[0].lower()
 
 
 @lru_cache(64)
-def _format_address(address: str) -> str:
-    """Return an address of version 6 as it is written shortest."""
+def _shorten_ipv6(address: str) -> str:
+    """Return an IPv6 address in its shortest form, in brackets."""
     try:
         return f"[{ipaddress.IPv6Address(address)}]"
     except ValueError:
@@ -64,12 +103,28 @@ def _format_address(address: str) -> str:
 
 
 def in_origin_form(scope: Scope) -> Scope:
-    """Return a request for `http://host/path` as one for `/path` of that host (RFC 9112, 3.2.2)."""
+    """Turn a request for `http://host/path` into one for `/path` of that host.
+
+    Parameters
+    ----------
+    scope
+        Of an HTTP request.
+
+    Returns
+    -------
+    Scope
+        The same if its target is a path already, or is not an absolute one either.
+
+    Notes
+    -----
+    RFC 9112, section 3.2.2: a server must accept this form, and ignore the Host header for it.
+    """
     if scope["path"].startswith("/"):
         return scope
-    found = _ABSOLUTE.fullmatch(scope["raw_path"])
-    if found is None:
+    target = _ABSOLUTE_TARGET.fullmatch(scope["raw_path"])
+    if target is None:
         return scope
-    host, path = found[1], found[2] or b"/"
+    host = target[1]
+    path = target[2] or b"/"
     headers = [(b"host", host), *(each for each in scope["headers"] if each[0] != b"host")]
     return {**scope, "path": unquote(path.decode("latin-1")), "raw_path": path, "headers": headers}

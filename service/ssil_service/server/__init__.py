@@ -1,1 +1,1 @@
-"""How the service runs: the command, the socket, and the service without one."""
+"""How the service runs: as a command on a socket, in a process of its own, or in this process."""

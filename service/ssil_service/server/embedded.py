@@ -1,4 +1,4 @@
-"""The service without a socket: the same client, the same application, one process."""
+"""The service without a socket: the same client and the same application, in this process."""
 
 from __future__ import annotations
 
@@ -18,90 +18,155 @@ from ssil_data.client import RemoteStore, ServiceError, connect
 from ssil_service.app import create_app
 from ssil_service.settings import read_settings
 
-_NAME = "embedded"
-"""The host that it is asked as: no browser can."""
+_HOST = "embedded"
+"""The host name of its URLs, which no browser can reach."""
+_Head = tuple[int, list[tuple[bytes, bytes]]]
+"""Status and headers of a response."""
 
 
 def embed(store: str | Path = "datasets", **settings: Any) -> RemoteStore:
-    """Return the store as a client sees it, served in this process; close it when done.
+    """Serve a store in this process, without a socket, and return it as a client sees it.
 
-    `settings` are those of the service. Raises InvalidInputError for settings that are none.
+    The whole service runs, with its limits and its worker processes, on an event loop in a thread
+    of its own. Close the store when done: that shuts the service down.
+
+    Parameters
+    ----------
+    store
+        Folder or URI of the store.
+    **settings
+        Settings of the service (`ssil_service.Settings`), such as `jobs=1`; what is not given
+        comes from the environment.
+
+    Returns
+    -------
+    RemoteStore
+        The same object that `ssil_data.connect` returns for a URL; a context manager.
+
+    Raises
+    ------
+    InvalidInputError
+        If a setting has an invalid value.
+
+    Examples
+    --------
+    >>> from ssil_service import embed
+    >>> with embed(store.folder.uri, jobs=1) as served:
+    ...     field = served["drives"].field("vae")
+    ...     lcor = field.lcor(np.array([[10.0, 100.0, 0.0]])).values
+    >>> lcor.shape
+    (1,)
     """
-    app = create_app(read_settings(store=str(store), **settings), hosts=[_NAME])
-    return connect(f"http://{_NAME}", transport=EmbeddedTransport(app))
+    app = create_app(read_settings(store=str(store), **settings), hosts=[_HOST])
+    return connect(f"http://{_HOST}", transport=EmbeddedTransport(app))
 
 
 class EmbeddedTransport(httpx.BaseTransport):
-    """Calls an ASGI application on an event loop of its own thread; threads may share it."""
+    """Sends the requests of an `httpx.Client` to an ASGI application in this process.
+
+    The application runs on an event loop of its own thread, from construction until `close`;
+    any number of threads may send requests. It is closed at the end of the process at the latest.
+
+    Parameters
+    ----------
+    app
+        The application; its lifespan has begun when the constructor returns.
+
+    Raises
+    ------
+    Exception
+        What the application raises when it starts.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
         self._loop = asyncio.new_event_loop()
         self._threads = ThreadPoolExecutor(thread_name_prefix="embedded")
         self._loop.set_default_executor(self._threads)
-        self._lock, self._closed = Lock(), False
+        self._lock = Lock()
+        self._closed = False
         self._thread = Thread(target=self._loop.run_forever, daemon=True, name="embedded")
         self._thread.start()
         self._lifespan = _Lifespan(app)
         try:
-            self._wait(self._lifespan.begin())
+            self._wait(self._lifespan.start())
         except BaseException:
-            self._stop()
+            self._stop_loop()
             raise
         atexit.register(self.close)
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
-        """Answer a request; the body of the answer is read as the application sends it.
+        """Send a request and wait for the head of the response.
 
-        Raises RemoteProtocolError if it is closed meanwhile, ServiceError if it was before.
+        Parameters
+        ----------
+        request
+            Its body is read whole.
+
+        Returns
+        -------
+        httpx.Response
+            Its body is read as the application sends it.
+
+        Raises
+        ------
+        RemoteProtocolError
+            If the application ends without a response, or the transport is closed meanwhile.
+        ServiceError
+            If the transport was closed before.
         """
-        exchange = _EmbeddedRequest(request)
+        sent = _EmbeddedRequest(request)
         with self._lock:
             if self._closed:
-                raise ServiceError("service: expected it open, found it closed")
-            asyncio.run_coroutine_threadsafe(exchange.run(self.app), self._loop)
-        status, headers = exchange.started.result()
-        stream = _Body(exchange, self._loop)
-        return httpx.Response(status, headers=headers, stream=stream, request=request)
+                raise ServiceError("The embedded service is closed; call embed() again")
+            asyncio.run_coroutine_threadsafe(sent.run(self.app), self._loop)
+        status, headers = sent.head.result()
+        body = _ResponseBody(sent, self._loop)
+        return httpx.Response(status, headers=headers, stream=body, request=request)
 
     def close(self) -> None:
-        """End the application's lifespan, what is still asked, and the thread."""
+        """Shut the application down, cancel what still runs, and end the thread."""
         with self._lock:
             if self._closed:
                 return
             self._closed = True
         atexit.unregister(self.close)
         try:
-            self._wait(self._lifespan.end())
+            self._wait(self._lifespan.stop())
         finally:
             self._wait(_cancel_all())
-            self._stop()
+            self._stop_loop()
+
+    @property
+    def running(self) -> bool:
+        """Whether the event loop and its thread still exist."""
+        return self._thread.is_alive() or not self._loop.is_closed()
 
     def _wait(self, work: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
-    def _stop(self) -> None:
-        self._threads.shutdown()  # before the loop, which is told what they do
+    def _stop_loop(self) -> None:
+        self._threads.shutdown()  # before the loop, which their results are sent to
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
 
 
 async def _cancel_all() -> None:
-    """End whatever the loop is still at: nobody may wait for it for ever."""
-    left = asyncio.all_tasks() - {asyncio.current_task()}
-    for task in left:
+    """Cancel all other tasks of the loop, so that no thread waits for them forever."""
+    tasks = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in tasks:
         task.cancel()
-    await asyncio.gather(*left, return_exceptions=True)
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 class _Lifespan:
-    """The application's start and stop."""
+    """Starts and stops an application by ASGI's lifespan messages."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
-    async def begin(self) -> None:
+    async def start(self) -> None:
         """Start the application; raises what it raises."""
         self._stop = asyncio.Event()
         self._ready: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -114,8 +179,8 @@ class _Lifespan:
             self._task.result()
         self._ready.result()
 
-    async def end(self) -> None:
-        """Stop the application."""
+    async def stop(self) -> None:
+        """Stop the application; raises what it raises."""
         self._stop.set()
         await self._task
 
@@ -132,76 +197,90 @@ class _Lifespan:
 
 
 class _EmbeddedRequest:
-    """One request through the application."""
+    """One request through the application, between a client's thread and the event loop.
+
+    Attributes
+    ----------
+    head
+        Result: status and headers, once the application has sent them.
+    chunks
+        The body: bytes, then None at the end, or an exception where it broke off.
+    """
 
     def __init__(self, request: httpx.Request) -> None:
-        self.started: Future[tuple[int, list[tuple[bytes, bytes]]]] = Future()
-        self.parts: SimpleQueue[bytes | Exception | None] = SimpleQueue()
+        self.head: Future[_Head] = Future()
+        self.chunks: SimpleQueue[bytes | Exception | None] = SimpleQueue()
         self._body = request.read()
-        self._request_sent = False
-        url = request.url
-        self._scope: dict[str, Any] = {
-            "type": "http",
-            "asgi": {"version": "3.0"},
-            "http_version": "1.1",
-            "method": request.method,
-            "headers": [(name.lower(), value) for name, value in request.headers.raw],
-            "scheme": url.scheme,
-            "path": url.path,
-            "raw_path": url.raw_path.split(b"?")[0],
-            "query_string": url.query,
-            "server": (url.host, url.port),
-            "client": ("embedded", 0),
-            "root_path": "",
-        }
+        self._body_sent = False
+        self._scope = _scope(request)
 
     async def run(self, app: ASGIApp) -> None:
-        """Run the application for this request."""
-        self._left = asyncio.Event()
-        found = "no end of the answer"
+        """Call the application; whatever happens, the client's thread is not left waiting."""
+        self._disconnected = asyncio.Event()
+        reason = "the application ended without a whole response"
         try:
             await app(self._scope, self._receive, self._send)
         except BaseException as error:
-            found = str(error) or "it closed meanwhile"
+            reason = str(error) or "the embedded service was closed before it answered"
             raise
-        finally:  # without effect after a whole answer
-            cut = httpx.RemoteProtocolError(found)
-            self.parts.put(cut)
-            if not self.started.done():
-                self.started.set_exception(cut)
+        finally:  # after a whole response, this is not read any more
+            broken_off = httpx.RemoteProtocolError(reason)
+            self.chunks.put(broken_off)
+            if not self.head.done():
+                self.head.set_exception(broken_off)
 
     async def _receive(self) -> Message:
-        if not self._request_sent:
-            self._request_sent = True
+        if not self._body_sent:
+            self._body_sent = True
             return {"type": "http.request", "body": self._body, "more_body": False}
-        await self._left.wait()
+        await self._disconnected.wait()
         return {"type": "http.disconnect"}
 
     async def _send(self, message: Message) -> None:
         if message["type"] == "http.response.start":
-            self.started.set_result((message["status"], list(message.get("headers", []))))
+            self.head.set_result((message["status"], list(message.get("headers", []))))
         elif message["type"] == "http.response.body":
-            self.parts.put(bytes(message.get("body", b"")))
+            self.chunks.put(bytes(message.get("body", b"")))
             if not message.get("more_body", False):
-                self.parts.put(None)
+                self.chunks.put(None)
 
-    def leave(self) -> None:
-        """Tell the application that the client is gone."""
-        self._left.set()
+    def disconnect(self) -> None:
+        """Tell the application that the client does not read any further."""
+        self._disconnected.set()
 
 
-class _Body(httpx.SyncByteStream):
-    """The body of an answer, part by part."""
+def _scope(request: httpx.Request) -> dict[str, Any]:
+    """Return the ASGI scope of a request."""
+    url = request.url
+    return {
+        "type": "http",
+        "asgi": {"version": "3.0"},
+        "http_version": "1.1",
+        "method": request.method,
+        "headers": [(name.lower(), value) for name, value in request.headers.raw],
+        "scheme": url.scheme,
+        "path": url.path,
+        "raw_path": url.raw_path.split(b"?")[0],
+        "query_string": url.query,
+        "server": (url.host, url.port),
+        "client": ("embedded", 0),
+        "root_path": "",
+    }
 
-    def __init__(self, exchange: _EmbeddedRequest, loop: asyncio.AbstractEventLoop) -> None:
-        self._exchange, self._loop = exchange, loop
+
+class _ResponseBody(httpx.SyncByteStream):
+    """The body of a response, read in the client's thread as the application sends it."""
+
+    def __init__(self, sent: _EmbeddedRequest, loop: asyncio.AbstractEventLoop) -> None:
+        self._sent = sent
+        self._loop = loop
 
     def __iter__(self) -> Iterator[bytes]:
-        while (part := self._exchange.parts.get()) is not None:
-            if isinstance(part, Exception):
-                raise part
-            yield part
+        while (chunk := self._sent.chunks.get()) is not None:
+            if isinstance(chunk, Exception):
+                raise chunk
+            yield chunk
 
     def close(self) -> None:
         if self._loop.is_running():
-            self._loop.call_soon_threadsafe(self._exchange.leave)
+            self._loop.call_soon_threadsafe(self._sent.disconnect)

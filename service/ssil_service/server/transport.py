@@ -1,6 +1,6 @@
-"""A connection's transport that sends at once what is written in one round of the loop.
+"""A connection's transport that sends at once what is written in one round of the event loop.
 
-uvicorn writes the head of an answer and its body apart: two calls of the system, each of which
+uvicorn writes the head of an answer and its body separately: two system calls, each of which
 wakes the client.
 """
 
@@ -8,16 +8,25 @@ from __future__ import annotations
 
 import asyncio
 
-_MOST = 65_536
-"""Bytes that wait for more at most."""
+_COALESCED_BYTES = 65_536
+"""Most bytes that are collected; more are sent at once."""
 
 
 class CoalescingTransport:
-    """What uvicorn uses of a transport."""
+    """The part of `asyncio.Transport` that uvicorn uses, with writes collected.
+
+    Parameters
+    ----------
+    transport
+        The connection's.
+    loop
+        The event loop that it runs in.
+    """
 
     def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
-        self._transport, self._loop = transport, loop
-        self._parts: list[bytes] = []
+        self._transport = transport
+        self._loop = loop
+        self._chunks: list[bytes] = []
         self._size = 0
         self.get_extra_info = transport.get_extra_info
         self.is_closing = transport.is_closing
@@ -25,15 +34,15 @@ class CoalescingTransport:
         self.resume_reading = transport.resume_reading
 
     def write(self, data: bytes) -> None:
-        """Send, before the loop's next round."""
+        """Send bytes, at the latest in the loop's next round."""
         if not data:
             return
-        if not self._parts:
-            self._loop.call_soon(self._leave)
-        self._parts.append(data)
+        if not self._chunks:
+            self._loop.call_soon(self._flush)
+        self._chunks.append(data)
         self._size += len(data)
-        if self._size > _MOST:
-            self._leave()
+        if self._size > _COALESCED_BYTES:
+            self._flush()
 
     def get_write_buffer_size(self) -> int:
         """Count the bytes that are not sent yet."""
@@ -41,16 +50,18 @@ class CoalescingTransport:
 
     def close(self) -> None:
         """Send what was written, and close."""
-        self._leave()
+        self._flush()
         self._transport.close()
 
     def abort(self) -> None:
-        """Close at once."""
-        self._parts, self._size = [], 0
+        """Close at once, and drop what was written."""
+        self._chunks = []
+        self._size = 0
         self._transport.abort()
 
-    def _leave(self) -> None:
-        if self._parts:
-            data = b"".join(self._parts)
-            self._parts, self._size = [], 0
+    def _flush(self) -> None:
+        if self._chunks:
+            data = b"".join(self._chunks)
+            self._chunks = []
+            self._size = 0
             self._transport.write(data)

@@ -1,4 +1,4 @@
-"""Keys: who may ask, who may change, and what is refused without them."""
+"""API keys: a read key may query, a write key may change, and without a key nothing is open."""
 
 import time
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from ssil_data.errors import InvalidInputError
 from ssil_service import embed
-from ssil_service.security.authentication import Keys, refuse_open_doors
+from ssil_service.security.authentication import Keys, refuse_open_access
 from ssil_service.settings import Settings
 from ssil_service.workers.pool import Worker
 
@@ -15,7 +15,7 @@ READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
 
 
 @pytest.mark.parametrize("header", ["X-API-Key", "Authorization"])
-def test_keys_open_what_they_may(header: str, folder: Path):
+def test_a_key_opens_the_routes_of_its_kind(header: str, folder: Path):
     prefix = "Bearer " if header == "Authorization" else ""
     with embed(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
         http = store.connection.client
@@ -55,7 +55,7 @@ def test_a_key_may_be_given_as_its_digest():
 @pytest.mark.parametrize(
     "key", ["short", "sha256:abc", "sha256:" + "0" * 63, "schlüssel-schlüssel"]
 )
-def test_a_short_or_odd_key_is_refused_without_being_told(key: str):
+def test_the_refusal_of_a_short_or_odd_key_does_not_show_it(key: str):
     with pytest.raises(InvalidInputError) as refusal:
         Keys.of(Settings(write_key=key))  # pyright: ignore
     assert key not in str(refusal.value)
@@ -64,10 +64,10 @@ def test_a_short_or_odd_key_is_refused_without_being_told(key: str):
 def test_other_machines_need_a_key():
     for host in ("0.0.0.0", "192.168.0.1", "::", "example.org"):
         with pytest.raises(InvalidInputError, match="loopback"):
-            refuse_open_doors(Settings(host=host))
-        refuse_open_doors(Settings(host=host, read_key=READ_KEY))  # pyright: ignore
+            refuse_open_access(Settings(host=host))
+        refuse_open_access(Settings(host=host, read_key=READ_KEY))  # pyright: ignore
     for host in ("127.0.0.1", "::1", "localhost", "127.9.9.9"):
-        refuse_open_doors(Settings(host=host))
+        refuse_open_access(Settings(host=host))
 
 
 def test_two_keys_are_refused_if_one_is_wrong(folder: Path):
@@ -83,7 +83,7 @@ def test_two_keys_are_refused_if_one_is_wrong(folder: Path):
         assert status("wrong", READ_KEY) == 401
 
 
-def test_every_key_of_a_repeated_header_is_looked_at(folder: Path):
+def test_every_key_of_a_repeated_header_is_checked(folder: Path):
     with embed(folder, read_key=READ_KEY, write_key=WRITE_KEY) as store:
         http = store.connection.client
 
@@ -106,7 +106,7 @@ def test_workers_do_not_inherit_the_keys(monkeypatch: pytest.MonkeyPatch, tmp_pa
     worker = Worker(lock, 2**30)
     try:
         place = Path(f"/proc/{worker.pid}/environ")
-        while not (environment := place.read_bytes()):  # its program is not there yet
+        while not (environment := place.read_bytes()):  # the program has not started yet
             time.sleep(0.01)
     finally:
         worker.kill()

@@ -1,4 +1,4 @@
-"""Hosts and origins: without keys, no web page elsewhere reaches the service."""
+"""Host and Origin checks: without keys, no web page of another site reaches the service."""
 
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ def test_local_names_are_answered(host: str, asked: httpx.Client):
     assert asked.get("v1/datasets", headers={"Host": host}).status_code == 200
 
 
-def test_a_target_may_name_the_host(raw: Any):
+def test_a_request_target_may_name_the_host(raw: Any):
     def status(target: str, host: str) -> bytes:
         head = f"GET {target} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
         return raw(head.encode()).makefile("rb").readline().split()[1]

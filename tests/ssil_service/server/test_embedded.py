@@ -1,4 +1,4 @@
-"""The service without a socket: closed at any moment, it leaves nobody waiting."""
+"""The service without a socket: closed at any moment, it leaves no thread waiting."""
 
 import asyncio
 import threading
@@ -18,7 +18,7 @@ REQUEST = httpx.Request("GET", "http://embedded/v1/datasets")
 
 
 async def stuck(scope: Scope, receive: Receive, send: Send) -> None:
-    """Start and stop as told, and end no answer: one begins, at `/half`."""
+    """Start and stop, and finish no answer: only `/half` begins one."""
     if scope["type"] == "lifespan":
         await receive()
         await send({"type": "lifespan.startup.complete"})
@@ -32,7 +32,7 @@ async def stuck(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 @pytest.mark.parametrize("path", ["half", "nothing"])
-def test_closing_ends_what_is_still_asked_with_an_error(path: str):
+def test_closing_ends_requests_in_flight_with_an_error(path: str):
     transport = EmbeddedTransport(stuck)
     found: list[BaseException] = []
 
@@ -49,18 +49,20 @@ def test_closing_ends_what_is_still_asked_with_an_error(path: str):
     transport.close()
     for thread in threads:
         thread.join(10)
-    assert [str(error) for error in found] == ["it closed meanwhile"] * 3
+    assert [str(error) for error in found] == [
+        "the embedded service was closed before it answered"
+    ] * 3
 
 
-def test_what_is_asked_of_a_closed_one_is_refused_at_once():
+def test_a_request_after_closing_is_refused_at_once():
     transport = EmbeddedTransport(stuck)
     transport.close()
     transport.close()
-    with pytest.raises(sd.ServiceError, match="expected it open, found it closed"):
+    with pytest.raises(sd.ServiceError, match="The embedded service is closed"):
         transport.handle_request(REQUEST)
 
 
-def test_an_answer_that_its_application_breaks_off_is_no_answer():
+def test_a_response_that_the_application_breaks_off_is_an_error():
     async def broken(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
             return await stuck(scope, receive, send)
@@ -74,7 +76,7 @@ def test_an_answer_that_its_application_breaks_off_is_no_answer():
         store.connection.client.get("anything")
 
 
-def test_it_ends_although_its_application_does_not_end_well():
+def test_the_transport_ends_although_the_application_fails_at_shutdown():
     async def odd(scope: Scope, receive: Receive, send: Send) -> None:
         await stuck(scope, receive, send)
         raise ValueError("at the end")
@@ -82,11 +84,11 @@ def test_it_ends_although_its_application_does_not_end_well():
     transport = EmbeddedTransport(odd)
     with pytest.raises(ValueError, match="at the end"):
         transport.close()
-    assert not transport._thread.is_alive() and transport._loop.is_closed()
+    assert not transport.running
 
 
-def test_a_store_that_is_closed_under_load_leaves_nobody_waiting(folder: Path):
-    """Its answers come from threads and from worker processes, and some wait for others."""
+def test_closing_a_store_under_load_leaves_no_thread_waiting(folder: Path):
+    """Answers come from threads and from worker processes, and some wait for others."""
     for moment in (0.0, 0.05, 0.2):
         store = embed(folder, jobs=1, computing=1, grace_seconds=1)
         dataset = store["drives"]

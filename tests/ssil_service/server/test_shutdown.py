@@ -1,4 +1,4 @@
-"""The end of a service: orderly after SIGTERM, harmless after a kill."""
+"""Shutdown: orderly after SIGTERM, harmless after a kill."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ from ssil_service.settings import Settings
 Serve = Callable[..., Server]
 
 
-def test_event_streams_end_when_the_service_is_asked_to(folder: Path, serve: Serve):
+def test_event_streams_end_when_the_service_gets_sigterm(folder: Path, serve: Serve):
     server = serve(folder, "--jobs", "1")
     with httpx.Client(base_url=server.url) as http:
         job = http.post(
@@ -34,7 +34,7 @@ def test_event_streams_end_when_the_service_is_asked_to(folder: Path, serve: Ser
     assert server.process.wait(60) == 0
 
 
-def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_nothing(
+def test_a_client_outlives_a_service_that_is_killed_and_restarted_and_gets_the_same_values(
     folder: Path, states: np.ndarray
 ):
     port = free_port()
@@ -43,16 +43,16 @@ def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_noth
         field = store["drives"].field("vae")
         expected = field.lcor(states).values
         found: list[np.ndarray] = []
-        asking = threading.Event()
+        first_answer = threading.Event()
 
         def ask() -> None:
             while len(found) < 500:
                 found.append(field.lcor(states).values)
-                asking.set()
+                first_answer.set()
 
         client = threading.Thread(target=ask)
         client.start()
-        asking.wait(60)
+        first_answer.wait(60)
         server.kill()
         server = launch(folder, port=port)
         client.join()
@@ -61,7 +61,7 @@ def test_a_service_that_is_killed_and_restarted_delays_a_client_and_changes_noth
     assert all(np.array_equal(values, expected) for values in found)
 
 
-def test_requests_and_jobs_share_one_time_of_grace(folder: Path, serve: Serve, tmp_path: Path):
+def test_requests_and_jobs_share_one_grace_period(folder: Path, serve: Serve, tmp_path: Path):
     server = serve(folder, "--jobs", "1", "--grace-seconds", "3", "--body-seconds", "60")
     with httpx.Client(base_url=server.url) as http:
         body = {"estimator": {"kind": "vae", "steps": 1_000_000}}
@@ -74,15 +74,15 @@ def test_requests_and_jobs_share_one_time_of_grace(folder: Path, serve: Serve, t
     with socket.create_connection((host, int(port)), timeout=20) as stuck:
         stuck.sendall(half)
         time.sleep(0.2)
-        begin = time.monotonic()
+        started_at = time.monotonic()
         assert server.stop() == 0
-        assert time.monotonic() - begin < 5  # of three seconds, not twice three
+        assert time.monotonic() - started_at < 5  # of three seconds, not twice three
         assert stuck.recv(1000).startswith(b"HTTP/1.1 503")
     log = (tmp_path / "log-0").read_text()
     assert "Traceback" not in log and "Exception" not in log
 
 
-def test_a_service_that_ends_says_when_to_come_back(folder: Path):
+def test_readyz_says_during_shutdown_when_to_retry(folder: Path):
     app = create_app(Settings(store=str(folder)), hosts=["here"])
     with httpx.Client(transport=EmbeddedTransport(app), base_url="http://here") as http:
         assert http.get("readyz").status_code == 200

@@ -1,4 +1,4 @@
-"""What leaves a connection together, and what never waits."""
+"""Writes of one round of the event loop are sent together; long ones at once."""
 
 import asyncio
 from collections.abc import Callable
@@ -28,8 +28,8 @@ class Wire:
         return 100
 
 
-def written(work: Callable[[CoalescingTransport, Wire], None]) -> list[Any]:
-    """Return the calls that came of some work, and of the loop's next round."""
+def run(work: Callable[[CoalescingTransport, Wire], None]) -> list[Any]:
+    """Return what is called on the wire during some work and the loop's next round."""
     wire = Wire()
 
     async def rounds() -> None:
@@ -40,50 +40,50 @@ def written(work: Callable[[CoalescingTransport, Wire], None]) -> list[Any]:
     return wire.calls
 
 
-def test_head_and_body_leave_together_in_the_next_round():
-    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
+def test_head_and_body_are_sent_together_in_the_next_round():
+    def answer(transport: CoalescingTransport, wire: Wire) -> None:
         for part in (b"head", b"body", b""):
-            gathered.write(part)
+            transport.write(part)
         assert wire.calls == []
-        assert gathered.get_write_buffer_size() == 108
+        assert transport.get_write_buffer_size() == 108
 
-    assert written(answer) == [b"headbody"]
+    assert run(answer) == [b"headbody"]
 
 
 def test_every_round_sends_what_it_wrote():
     wire = Wire()
 
     async def rounds() -> None:
-        gathered = CoalescingTransport(wire, asyncio.get_running_loop())  # pyright: ignore[reportArgumentType]
+        transport = CoalescingTransport(wire, asyncio.get_running_loop())  # pyright: ignore[reportArgumentType]
         for part in (b"head", b"event", b"event"):
-            gathered.write(part)
+            transport.write(part)
             await asyncio.sleep(0)
 
     asyncio.run(rounds())
     assert wire.calls == [b"head", b"event", b"event"]
 
 
-def test_a_long_body_waits_for_nothing():
-    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
-        gathered.write(b"head")
-        gathered.write(bytes(65_536))
+def test_a_long_body_is_sent_at_once():
+    def answer(transport: CoalescingTransport, wire: Wire) -> None:
+        transport.write(b"head")
+        transport.write(bytes(65_536))
         assert wire.calls == [b"head" + bytes(65_536)]
-        assert gathered.get_write_buffer_size() == 100
+        assert transport.get_write_buffer_size() == 100
 
-    assert len(written(answer)) == 1
+    assert len(run(answer)) == 1
 
 
 def test_what_was_written_is_sent_before_the_connection_is_closed():
-    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
-        gathered.write(b"last words")
-        gathered.close()
+    def answer(transport: CoalescingTransport, wire: Wire) -> None:
+        transport.write(b"last words")
+        transport.close()
 
-    assert written(answer) == [b"last words", "closed"]
+    assert run(answer) == [b"last words", "closed"]
 
 
-def test_a_connection_that_is_cut_sends_nothing_more():
-    def answer(gathered: CoalescingTransport, wire: Wire) -> None:
-        gathered.write(b"last words")
-        gathered.abort()
+def test_an_aborted_connection_sends_nothing_more():
+    def answer(transport: CoalescingTransport, wire: Wire) -> None:
+        transport.write(b"last words")
+        transport.abort()
 
-    assert written(answer) == ["aborted"]
+    assert run(answer) == ["aborted"]
