@@ -1,4 +1,4 @@
-"""The service as a store: `connect(url)` gives the surface of `Store` and the same numbers.
+"""The service as a store: `connect(url)` gives the methods of `Store` and the same numbers.
 
 Names are imported when they are first used: a process that only reads the wire needs no torch.
 """
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ssil_data.client.dataset import RemoteDataset
     from ssil_data.client.field import RemoteField, RemoteModel
     from ssil_data.client.jobs import JobFailedError, RemoteJob
+    from ssil_data.client.runs import RemoteRuns
     from ssil_data.client.store import RemoteStore, connect
 
 _HOME = {
@@ -20,6 +21,7 @@ _HOME = {
     "RemoteField": "field",
     "RemoteJob": "jobs",
     "RemoteModel": "field",
+    "RemoteRuns": "runs",
     "RemoteStore": "store",
     "ServiceError": "connection",
     "connect": "store",
@@ -31,6 +33,7 @@ __all__ = [
     "RemoteField",
     "RemoteJob",
     "RemoteModel",
+    "RemoteRuns",
     "RemoteStore",
     "RetryPolicy",
     "ServiceError",

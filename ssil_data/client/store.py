@@ -19,7 +19,20 @@ from ssil_data.store.folder import check_name
 
 
 class RemoteStore:
-    """Datasets by name, at a service; a context manager that closes its connections."""
+    """Datasets by name, at a service; a context manager that closes its connections.
+
+    Parameters
+    ----------
+    connection
+        To the service.
+
+    Examples
+    --------
+    >>> remote.names()
+    ['drives']
+    >>> "drives" in remote, "nope" in remote
+    (True, False)
+    """
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -58,16 +71,27 @@ class RemoteStore:
         return (self[name] for name in self.names())
 
     def __getitem__(self, name: str) -> RemoteDataset:
-        """Open the newest version of a dataset; raises NotFoundError."""
+        """Open the newest version of a dataset.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no dataset has the name.
+        """
         return RemoteDataset(self.connection, self._summary(name), self.limits)
 
     @cached_property
     def limits(self) -> dict[str, Any]:
-        """What the service takes at most."""
+        """What the service takes at most, by name."""
         return self.connection.json("GET", "v1/limits")
 
     def names(self) -> list[str]:
-        """List the datasets."""
+        """List the names of the datasets, sorted."""
         listed = self.connection.json("GET", "v1/datasets")
         return [dataset["dataset"] for dataset in listed["datasets"]]
 
@@ -80,7 +104,31 @@ class RemoteStore:
         action_names: Sequence[str],
         card: str = "",
     ) -> RemoteDataset:
-        """Write a new dataset; it appears whole, at the end, or not at all."""
+        """Write a new dataset; it appears whole, at the end, or not at all.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+        episodes
+            At least one.
+        state_names, action_names
+            The names of the dimensions.
+        card
+            The dataset's card, Markdown; the files' checksums are added to it.
+
+        Returns
+        -------
+        RemoteDataset
+            Its first version.
+
+        Raises
+        ------
+        ConflictError
+            If the name is taken.
+        InvalidInputError
+            For episodes of another width, or none.
+        """
         body = episodes_body(episodes, state_names, action_names, card)
         path = f"v1/datasets/{check_name('dataset', name)}"
         headers = {"Content-Type": ARROW}
@@ -90,7 +138,17 @@ class RemoteStore:
     def delete(self, name: str) -> None:
         """Delete a dataset with its runs.
 
-        Raises NotFoundError, or ConflictError while a job or an upload works on it.
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no dataset has the name.
+        ConflictError
+            While a job or an upload works on it.
         """
         path = f"v1/datasets/{check_name('dataset', name)}"
         self.connection.request("DELETE", path, work=True)
@@ -106,14 +164,39 @@ def connect(
     *,
     timeout: float = 30.0,
     work_timeout: float = 3600.0,
-    patience: RetryPolicy = RetryPolicy(),  # noqa: B008
+    retry: RetryPolicy = RetryPolicy(),  # noqa: B008
     transport: httpx.BaseTransport | None = None,
 ) -> RemoteStore:
-    """Return the store that a service at `url` serves: the surface of `Store`, the same numbers.
+    """Return the store that a service serves: the methods of `Store`, and the same numbers.
 
-    `timeout` in seconds for connecting, and for each read or write; `work_timeout` for the answer
-    to what takes work: uploads, deletes, questions, bulk reads. `patience` is how long a busy or
-    lost service is asked again; `transport` sends the requests some other way than by socket.
+    Nothing is sent before it is needed. The result is a context manager that closes its
+    connections; several threads may share it.
+
+    Parameters
+    ----------
+    url
+        Of the service, as "http://127.0.0.1:8000".
+    api_key
+        Its read or write key, if it has any.
+    timeout
+        Seconds for connecting, and for each read or write.
+    work_timeout
+        Seconds for the response to what takes work: uploads, deletes, queries, bulk reads.
+    retry
+        How long a busy or unreachable service is tried again.
+    transport
+        Sends the requests in some other way than by socket, as an embedded service does.
+
+    Returns
+    -------
+    RemoteStore
+        Datasets by name.
+
+    Examples
+    --------
+    >>> with sd.connect("http://127.0.0.1:8000") as service:
+    ...     service
+    RemoteStore('http://127.0.0.1:8000')
     """
     headers = {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
     client = httpx.Client(
@@ -123,4 +206,4 @@ def connect(
         transport=transport,
         limits=httpx.Limits(max_connections=64, max_keepalive_connections=16),
     )
-    return RemoteStore(Connection(client, patience, work_timeout))
+    return RemoteStore(Connection(client, retry, work_timeout))

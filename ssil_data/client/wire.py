@@ -1,4 +1,4 @@
-"""Arrow on the wire: tables whose lists are matrices, and their bytes; both sides read it."""
+"""Arrow on the wire: tables whose lists are matrices, and their bytes; both sides use it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OPTIONS = pa.ipc.IpcWriteOptions()
 """Made once: pyarrow looks through the environment whenever it makes them."""
 
 IDEMPOTENCY = "Idempotency-Key"
-"""A job asked for twice under one such key is made once."""
+"""Header of a request for a job: two requests with one key make one job."""
 
 
 def encode(table: pa.Table) -> pa.Buffer:
@@ -31,21 +31,48 @@ def encode(table: pa.Table) -> pa.Buffer:
 
 
 def decode(body: bytes | pa.Buffer) -> pa.Table:
-    """Return the table of an Arrow IPC stream from a service that is trusted."""
+    """Return the table of an Arrow IPC stream.
+
+    Only for bytes of a service that is trusted: a hostile stream can take any amount of memory.
+
+    Raises
+    ------
+    InvalidInputError
+        For bytes that are no such stream.
+
+    Examples
+    --------
+    >>> import pyarrow as pa
+    >>> decode(encode(pa.table({"a": [1, 2]})))["a"].to_pylist()
+    [1, 2]
+    """
     try:
         return pa.ipc.open_stream(body).read_all()
     except pa.ArrowException as error:
-        raise InvalidInputError(f"answer: expected an Arrow stream, found {error}") from None
+        raise InvalidInputError(f"response: not a readable Arrow stream: {error}") from None
 
 
 def rows_of_matrix(values: NDArray[Any]) -> pa.FixedSizeListArray:
-    """Return a matrix (n, w) as a column of lists of w."""
+    """Return a matrix (n, w) as a column of n lists of w values each."""
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
     return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
 
 def matrix_of_rows(column: pa.ChunkedArray, width: int | None = None) -> NDArray[Any]:
-    """Return a column of lists as a matrix (n, w); raises InvalidInputError for other widths."""
+    """Return a column of n lists as a matrix (n, w).
+
+    Parameters
+    ----------
+    column
+        Lists of one length, fixed or not.
+    width
+        The length that they must have; any without.
+
+    Raises
+    ------
+    InvalidInputError
+        For lists of different lengths, or of another than `width`.
+    """
     rows = column.combine_chunks()
     if isinstance(rows.type, pa.FixedSizeListType):
         found = rows.type.list_size
@@ -60,12 +87,12 @@ def matrix_of_rows(column: pa.ChunkedArray, width: int | None = None) -> NDArray
 
 
 def states_table(states: NDArray[np.float32]) -> pa.Table:
-    """Return states (m, d) as the body of a question."""
+    """Return states (m, d) as the body of an LCoR or CoR query."""
     return pa.table({"state": rows_of_matrix(states)})
 
 
 def pairs_table(pairs: Pairs) -> pa.Table:
-    """Return pairs as the body of a question."""
+    """Return pairs as a table of episode, step, state and action."""
     return pa.table(
         {
             "episode": pairs.episode,
@@ -77,7 +104,7 @@ def pairs_table(pairs: Pairs) -> pa.Table:
 
 
 def pairs_of_table(table: pa.Table) -> Pairs:
-    """Return the pairs of an answer."""
+    """Return the pairs of a table of `pairs_table`."""
     return Pairs(
         states=matrix_of_rows(table["state"]),
         actions=matrix_of_rows(table["action"]),

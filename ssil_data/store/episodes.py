@@ -1,7 +1,8 @@
-"""What follows from the episodes table alone: the same for the store, the client and the service."""
+"""Checks and columns of the episodes table, shared by the store, the client and the service."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,3 +68,41 @@ def repeat_per_pair(episodes: pa.Table, column: str) -> NDArray[Any]:
         Its name, such as `labeled`.
     """
     return np.repeat(episodes[column].to_numpy(), episodes["length"].to_numpy())
+
+
+def check_dimension_names(
+    dataset: str,
+    *,
+    found: Mapping[str, Sequence[str]],
+    expected: Mapping[str, Sequence[str]],
+    quote: bool = True,
+) -> None:
+    """Refuse episodes whose dimensions are not the dataset's, in its order.
+
+    Parameters
+    ----------
+    dataset:
+        The dataset's name, for the message.
+    found:
+        The names of the episodes' dimensions, under the keys `state` and `action`.
+    expected:
+        Those of the dataset.
+    quote:
+        Whether the message says what was found; a service does not repeat what it is sent.
+
+    Raises
+    ------
+    InvalidInputError
+        For other names, or another order.
+
+    Examples
+    --------
+    >>> from ssil_data.store.episodes import check_dimension_names
+    >>> check_dimension_names("drives", found={"state": ["x", "y"]}, expected={"state": ["x", "y"]})
+    """
+    for kind, names in expected.items():
+        if list(found[kind]) != list(names):
+            rest = f", found {list(found[kind])}" if quote else " and in this order"
+            raise InvalidInputError(
+                f"{kind} of {dataset}: expected {list(names)} as in the dataset{rest}"
+            )

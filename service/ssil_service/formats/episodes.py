@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from ssil_data.client.upload import CARD_KEY, EPISODE_COLUMNS, NAME_KEYS, PAIR_COLUMNS
 from ssil_data.client.wire import matrix_of_rows
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 from ssil_data.interop import Layout, import_episodes
-from ssil_data.interop.arrow import columns_of
+from ssil_data.interop.arrow import decode_table
 from ssil_data.interop.parsing import refuse_unreadable
-
-_OWN = (b"state_names", b"action_names")
+from ssil_data.store.dataset import Dataset
+from ssil_data.store.episodes import check_dimension_names
 
 
 @dataclass(frozen=True)
@@ -34,97 +35,93 @@ class Upload:
     def of(cls, table: pa.Table, *, layout: Mapping[str, Any], file: str) -> Upload:
         """Cut a table into episodes; raises InvalidInputError naming column and row."""
         metadata = table.schema.metadata or {}
-        card = metadata.get(b"card", b"").decode("utf-8", "replace")
-        if all(key in metadata for key in _OWN):
-            states, actions = (_names(key, metadata[key]) for key in _OWN)
-            return cls(list(_episodes(table)), states, actions, card)
+        card = metadata.get(CARD_KEY.encode(), b"").decode("utf-8", "replace")
+        if all(key.encode() in metadata for key in NAME_KEYS):
+            states, actions = (_parse_names(key, metadata[key.encode()]) for key in NAME_KEYS)
+            return cls(list(_cut(table)), states, actions, card)
         given: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in layout.items()
         }
         path = Path(file)
-        with refuse_unreadable(path, "table"):
+        with refuse_unreadable(path, "a table"):
             found = import_episodes(
-                columns_of(path, table, place="at row", first=0), Layout(**given)
+                decode_table(path, table, place="at row", first=0), Layout(**given)
             )
         return cls(found.episodes, list(found.state_names), list(found.action_names), card)
 
-    def refuse_other_names(self, state_names: list[str], action_names: list[str]) -> None:
-        """Raise InvalidInputError unless the dimensions have these names, in this order."""
-        for kind, found, expected in (
-            ("state", self.state_names, state_names),
-            ("action", self.action_names, action_names),
-        ):
-            if list(found) != expected:
-                raise InvalidInputError(f"{kind}: expected the dimensions {expected}, found others")
+    def check_dimension_names(self, dataset: Dataset) -> None:
+        """Raise InvalidInputError unless the dimensions are the dataset's, in its order."""
+        check_dimension_names(
+            dataset.name,
+            found={"state": self.state_names, "action": self.action_names},
+            expected={"state": dataset.state_names, "action": dataset.action_names},
+            quote=False,
+        )
 
 
-def _names(key: bytes, value: bytes) -> list[str]:
+def _parse_names(key: str, value: bytes) -> list[str]:
+    """Return the names in a key of the metadata."""
     try:
         names = json.loads(value)
     except (ValueError, RecursionError):
         names = None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InvalidInputError(
-            f"{key.decode()}: expected a JSON list of names, found another value"
-        )
+        raise InvalidInputError(f"{key}: this key of the metadata must be a JSON list of names")
     return names
 
 
-def _episodes(table: pa.Table) -> Iterator[Episode]:
-    """Give the episodes of a table as `ssil_data.client.upload` makes it.
+def _cut(table: pa.Table) -> Iterator[Episode]:
+    """Yield the episodes of a table as `ssil_data.client.upload` makes it.
 
-    Only state, action and episode have to be there.
+    Only the columns state, action and episode have to be there.
     """
     numbers = _column(table, "episode").to_numpy(zero_copy_only=False)
     starts = np.flatnonzero(np.r_[True, numbers[1:] != numbers[:-1]]) if len(numbers) else []
     if len(np.unique(numbers[starts])) != len(starts):
-        raise InvalidInputError("episode: expected adjacent rows, found an episode twice")
-    states, actions = (_lists(table, name) for name in ("state", "action"))
-    known = {n: _column(table, n) for n in (*_PER_PAIR, *_KNOWN) if n in table.column_names}
+        raise InvalidInputError("episode: the rows of an episode must be adjacent")
+    states = _matrix(table, "state")
+    actions = _matrix(table, "action")
+    optional = (*PAIR_COLUMNS, *EPISODE_COLUMNS)
+    known = {name: _column(table, name) for name in optional if name in table.column_names}
     for start, stop in zip(starts, [*starts[1:], len(numbers)], strict=True):
         rows = slice(int(start), int(stop))
         values = {name: _value(name, column[rows]) for name, column in known.items()}
-        kept = {_PER_PAIR.get(n, n): value for n, value in values.items() if value is not None}
+        kept = {PAIR_COLUMNS.get(n, n): value for n, value in values.items() if value is not None}
         yield Episode(states[rows], actions[rows], **kept)
 
 
 def _value(name: str, column: Any) -> Any:
-    """Return what a column says of one episode, None for nothing."""
-    if name not in _PER_PAIR:
+    """Return the value of a column for one episode, None for nothing."""
+    if name not in PAIR_COLUMNS:
         return _constant(name, column)
     if column.null_count:
         return None
     return column.to_numpy() if name == "reward" else matrix_of_rows(pa.chunked_array([column]))
 
 
-_PER_PAIR = {"reward": "rewards", "position": "positions"}
-_KNOWN = {
-    "labeled": pa.bool_(),
-    "source": pa.string(),
-    "score": pa.float64(),
-    "tier": pa.string(),
-    "ending": pa.string(),
-}
+_TYPES = {"episode": pa.int64(), "reward": pa.float32(), **EPISODE_COLUMNS}
 
 
 def _column(table: pa.Table, name: str) -> Any:
+    """Return a column in one piece; raises InvalidInputError for a missing one or another type."""
     if name not in table.column_names:
         raise InvalidInputError(f"{name}: expected a column, found none")
     column = table[name].combine_chunks()
-    expected = {"episode": pa.int64(), "reward": pa.float32(), **_KNOWN}.get(name)
+    expected = _TYPES.get(name)
     if expected is not None and column.type not in (expected, pa.null()):
         raise InvalidInputError(f"{name}: expected {expected}, found {column.type}")
     if name == "episode" and column.null_count:
-        raise InvalidInputError("episode: expected a number in every row, found none")
+        raise InvalidInputError("episode: every row needs a number")
     return column
 
 
-def _lists(table: pa.Table, name: str) -> Any:
+def _matrix(table: pa.Table, name: str) -> Any:
+    """Return a column of lists as a matrix."""
     column = _column(table, name)
     if not _holds_floats(column.type) or column.null_count or column.flatten().null_count:
         raise InvalidInputError(
-            f"{name}: expected lists of float32, found {column.type} or nothing"
+            f"{name}: expected lists of float32 without nulls, found {column.type}"
         )
     return matrix_of_rows(pa.chunked_array([column]))
 
@@ -135,6 +132,7 @@ def _holds_floats(kind: pa.DataType) -> bool:
 
 
 def _constant(name: str, column: Any) -> Any:
+    """Return the one value that all rows of an episode have."""
     values = column.unique()
     if len(values) != 1:
         raise InvalidInputError(f"{name}: expected one value per episode, found {len(values)}")

@@ -1,7 +1,8 @@
-"""Questions: LCoR and CoR of states, the leverage of pairs never seen."""
+"""Queries: LCoR and CoR of states, the leverage of pairs that are new."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import pyarrow as pa
@@ -9,22 +10,22 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from ssil_data.client.wire import rows_of_matrix
+from ssil_data.field import LCoR, LCoRQuery
+from ssil_data.kernels import Sums
 from ssil_data.store.arrow_schema import PARTS
-from ssil_service.context import context
-from ssil_service.formats.responses import negotiate, table_response
+from ssil_service.context import COR_COST, SCORE_COST, context
 from ssil_service.http.openapi import bulk, bulk_body, problems
 from ssil_service.http.route_cache import cache_route
-from ssil_service.problems import Fault, Problem
-from ssil_service.routes.bodies import read_pairs, read_states, run_off_loop
+from ssil_service.problems import Problem
+from ssil_service.routes.accept import negotiate, table_response
+from ssil_service.routes.bodies import read_pairs, read_states
 from ssil_service.routes.pages import most_rows
 from ssil_service.routes.parameters import (
-    Alpha,
-    Contributors,
+    NO_PARAMETERS,
+    CoRParameters,
     DatasetName,
+    LCoRParameters,
     RunName,
-    Seconds,
-    Tolerance,
-    Version,
 )
 from ssil_service.schemas.requests import PairsBody, StatesBody
 from ssil_service.schemas.responses import CoRAnswer, LCoRAnswer, ScoreAnswer, SumsAnswer
@@ -44,51 +45,30 @@ async def lcor(
     request: Request,
     dataset: DatasetName,
     run: RunName,
-    version: Version = None,
-    alpha: Alpha = None,
-    contributors: Contributors = 0,
-    tolerance: Tolerance = None,
-    relative: Annotated[
-        bool, Query(description="Tolerance in deviations of LCoR over the demonstrations.")
-    ] = False,
-    seconds: Seconds = None,
-    seed: Annotated[int, Query(ge=0, le=2**63 - 1, description="Equal seeds, equal parts.")] = 0,
-    sums: Annotated[
-        bool, Query(description="Instead, the weighted sums, which add up over shards.")
-    ] = False,
+    parameters: Annotated[LCoRParameters, Query()],
 ) -> Response:
-    """Tell how good the neighbourhood of states is, and on how many states the answer rests."""
+    """Return LCoR of states, and how many demonstrations each value rests on."""
     media = negotiate(request)
     here = context(request)
-    accuracy = {"tolerance": tolerance, "relative": relative, "seconds": seconds, "seed": seed}
-    if sums:
-        _refuse_sampled(request)
-    snapshot = await here.catalog.snapshot(dataset, version)
-    snapshot.run(run)
+    query = parameters.query()
+    parameters.refuse_sampling_with_sums()
+    snapshot = await here.catalog.snapshot(dataset, parameters.version)
+    snapshot.check_run(run)
     states = await read_states(request, snapshot.widths[0])
-    most = most_rows(media, 4 + 2 * contributors)
-    if contributors and len(states) > most:
-        detail = f"at most {most} rows with {contributors} contributors, found {len(states)}"
-        raise Problem(413, f"states: expected {detail}")
-    field = await here.catalog.field(snapshot, run, alpha)
-
-    def work() -> dict[str, Any]:
-        if sums:
-            return _sums(field.sums(states, contributors=contributors))
-        return _answer(field.lcor(states, contributors=contributors, **accuracy))  # pyright: ignore[reportArgumentType]
-
+    _refuse_long_answer(len(states), query.contributors, media)
+    field = await here.catalog.field(snapshot, run, parameters.alpha)
     size = len(states) * len(field.states)
-    plain = not (sums or contributors or tolerance or relative or seconds or seed)
-    if plain and size <= here.batching.most:
-        columns = _answer(await here.batching.lcor(field, states))
+    if parameters.sums:
+        sums = await here.compute(size, lambda: field.sums(states, contributors=query.contributors))
+        columns = _sums_columns(sums)
+    elif query == LCoRQuery() and size <= here.batching.most:
+        columns = _lcor_columns(await here.batching.lcor(field, states))
     else:
-        columns = await here.compute(size, work)
+        answer = await here.compute(size, lambda: field.lcor(states, **asdict(query)))
+        columns = _lcor_columns(answer)
     here.metrics.record_rows("lcor", len(states))
     about = {"alpha": field.alpha, "demonstrations": len(field.states)}
-    table = pa.table(columns)
-    return await run_off_loop(
-        table.nbytes, lambda: table_response(table, media, about=about), here.executor_for(media)
-    )
+    return await table_response(request, pa.table(columns), media, about=about)
 
 
 @router.post(
@@ -99,39 +79,37 @@ async def cor(
     request: Request,
     dataset: DatasetName,
     run: RunName,
-    version: Version = None,
-    alpha: Alpha = None,
+    parameters: Annotated[CoRParameters, Query()],
 ) -> Response:
-    """Tell CoR of states: whether they are nearer to the labeled states or to all others."""
+    """Return CoR of states: above 1/2 where the labeled states are nearer than all others."""
     media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalog.snapshot(dataset, version)
-    snapshot.run(run)
+    snapshot = await here.catalog.snapshot(dataset, parameters.version)
+    snapshot.check_run(run)
     states = await read_states(request, snapshot.widths[0])
-    field = await here.catalog.field(snapshot, run, alpha)
-    values = await here.compute(100 * len(states), lambda: field.cor(states))
+    field = await here.catalog.field(snapshot, run, parameters.alpha)
+    values = await here.compute(COR_COST * len(states), lambda: field.cor(states))
     here.metrics.record_rows("cor", len(states))
     table = pa.table({"value": values})
-    about = {"alpha": field.alpha}
-    return await run_off_loop(
-        table.nbytes, lambda: table_response(table, media, about=about), here.executor_for(media)
-    )
+    return await table_response(request, table, media, about={"alpha": field.alpha})
 
 
 @router.post(
-    "/score", responses={**_PROBLEMS, 200: bulk(ScoreAnswer)}, openapi_extra=bulk_body(PairsBody)
+    "/score",
+    responses={**_PROBLEMS, 200: bulk(ScoreAnswer)},
+    openapi_extra=bulk_body(PairsBody),
+    dependencies=[NO_PARAMETERS],
 )
 @cache_route
 async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
-    """Tell the uncertainty and leverage of pairs, seen before or not, by a run of any version."""
+    """Return uncertainty and leverage of pairs, of the dataset or new, by a run of any version."""
     media = negotiate(request)
     here = context(request)
     snapshot = await here.catalog.snapshot(dataset)
-    snapshot.run_of_any_version(run)
+    snapshot.check_run(run, any_version=True)
     pairs = await read_pairs(request, snapshot.widths)
     model = await here.catalog.model(snapshot, run)
-    # a pair costs an estimator about what some thousand demonstrations cost LCoR
-    scored = await here.compute(4096 * len(pairs), lambda: model(pairs))
+    scored = await here.compute(SCORE_COST * len(pairs), lambda: model(pairs))
     here.metrics.record_rows("score", len(pairs))
     missing = pa.nulls(len(pairs), pa.float32())
     table = pa.table(
@@ -141,24 +119,20 @@ async def score(request: Request, dataset: DatasetName, run: RunName) -> Respons
             "leverage": scored.leverage,
         }
     )
-    return await run_off_loop(
-        table.nbytes, lambda: table_response(table, media), here.executor_for(media)
-    )
+    return await table_response(request, table, media)
 
 
-def _refuse_sampled(request: Request) -> None:
-    """Raise a Problem if a part of the pairs is asked as well as sums over all of them."""
-    faults = [
-        Fault(detail=f"{name}: expected none with sums, which are exact", field=name)
-        for name in ("tolerance", "relative", "seconds", "seed")
-        if name in request.query_params
-    ]
-    if faults:
-        raise Problem(422, f"query: {faults[0].detail}", errors=faults)
+def _refuse_long_answer(rows: int, contributors: int, media: str) -> None:
+    """Raise a Problem if the contributors of so many states are more than a body should hold."""
+    most = most_rows(media, 4 + 2 * contributors)
+    if contributors and rows > most:
+        detail = f"expected at most {most} rows with {contributors} contributors, found {rows}"
+        raise Problem(413, f"states: {detail}")
 
 
-def _answer(answer: Any) -> dict[str, Any]:
-    columns = {
+def _lcor_columns(answer: LCoR) -> dict[str, Any]:
+    """Return LCoR as the columns of the response; those of contributors only if there are any."""
+    columns: dict[str, Any] = {
         "values": answer.values,
         "effective_sample_size": answer.effective_sample_size,
         "half_width": answer.half_width,
@@ -169,9 +143,10 @@ def _answer(answer: Any) -> dict[str, Any]:
     return columns
 
 
-def _sums(sums: Any) -> dict[str, Any]:
+def _sums_columns(sums: Sums) -> dict[str, Any]:
+    """Return sums as the columns of the response; those of contributors only if there are any."""
     names = ("numerator", "denominator", "squares", "log_scale")
-    columns = {name: getattr(sums, name) for name in names}
+    columns: dict[str, Any] = {name: getattr(sums, name) for name in names}
     if sums.nearest.shape[1]:
         columns["nearest"] = rows_of_matrix(sums.nearest)
         columns["nearest_weight"] = rows_of_matrix(sums.nearest_weight)

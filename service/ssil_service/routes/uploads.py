@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Query, Request
 from pydantic_core import to_json
 from starlette.responses import Response
 
@@ -17,8 +17,8 @@ from ssil_service.problems import Problem
 from ssil_service.routes.bodies import media_type
 from ssil_service.routes.datasets import summary
 from ssil_service.routes.pages import refuse_unmatched, tag_of
-from ssil_service.routes.parameters import DatasetName
-from ssil_service.schemas.requests import DatasetSummary
+from ssil_service.routes.parameters import NO_PARAMETERS, DatasetName, LayoutParameters
+from ssil_service.schemas.responses import DatasetSummary
 
 writing = APIRouter(prefix="/v1/datasets/{dataset}", tags=["datasets"])
 
@@ -28,61 +28,23 @@ _WRITTEN: dict[str, Any] = {
     "response_model": DatasetSummary,
     "openapi_extra": upload_body(),
 }
-_Text = Annotated[str, Query(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]*$")]
-One = Annotated[_Text | None, Query(description="A column of the file.")]
-Several = Annotated[list[_Text] | None, Query(description="Columns of the file, in this order.")]
-
-
-class Layout:
-    """Which columns of an upload are what, as `ssil-data import` takes them."""
-
-    def __init__(
-        self,
-        state: Several = None,
-        action: Several = None,
-        episode: One = None,
-        step: One = None,
-        reward: One = None,
-        position: Several = None,
-        score: One = None,
-        tier: One = None,
-        labeled: Annotated[
-            list[_Text] | None,
-            Query(description="Expert episodes: their values, `all`, or a column of truth values."),
-        ] = None,
-        file: Annotated[str, Query(pattern=r"^[A-Za-z0-9._-]{1,100}$")] = "upload",
-    ) -> None:
-        self.file = file
-        self.columns: dict[str, Any] = {
-            "state": state or [],
-            "action": action or [],
-            "episode": episode,
-            "step": step,
-            "reward": reward,
-            "position": position or [],
-            "score": score,
-            "tier": tier,
-            "labeled": labeled or [],
-        }
-
-
-Layouts = Annotated[Layout, Depends()]
+Layout = Annotated[LayoutParameters, Query()]
 
 
 @writing.put("", responses=_PROBLEMS, **_WRITTEN)
-async def create(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
+async def create(request: Request, dataset: DatasetName, layout: Layout) -> Response:
     """Write a new dataset from a Parquet or Arrow body; it appears whole or not at all."""
     _refuse_key(request)
     refuse_unmatched(request, None)
     media = media_type(request, (ARROW, PARQUET))
     here = context(request)
     if dataset in await asyncio.to_thread(here.catalog.names):
-        raise ConflictError(f"dataset: expected an unused name, found {dataset!r}")
+        raise ConflictError(f"dataset: the name {dataset!r} is taken; give another")
     return await _write(request, dataset, layout, media, append=False)
 
 
 @writing.post("/episodes", responses={**_PROBLEMS, **problems(404)}, **_WRITTEN)
-async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Response:
+async def append(request: Request, dataset: DatasetName, layout: Layout) -> Response:
     """Add the episodes of a Parquet or Arrow body: the dataset's next version.
 
     With `If-Match`, the ETag of the dataset, only to the version that has it.
@@ -94,7 +56,9 @@ async def append(request: Request, dataset: DatasetName, layout: Layouts) -> Res
     return await _write(request, dataset, layout, media, append=True)
 
 
-@writing.delete("", status_code=204, responses=problems(404, 409, 412, 422))
+@writing.delete(
+    "", status_code=204, responses=problems(404, 409, 412, 422), dependencies=[NO_PARAMETERS]
+)
 async def delete(request: Request, dataset: DatasetName) -> Response:
     """Delete a dataset with its runs; with `If-Match`, its ETag, only if it is still that."""
     _refuse_key(request)
@@ -106,13 +70,16 @@ async def delete(request: Request, dataset: DatasetName) -> Response:
 
 
 def _refuse_key(request: Request) -> None:
-    """Raise a Problem for a promise that is not kept here: repeated, an upload is done twice."""
+    """Raise a Problem for an idempotency key: an upload that is sent twice is written twice."""
     if IDEMPOTENCY in request.headers:
-        raise Problem(422, f"{IDEMPOTENCY}: expected none, as only runs remember it, found one")
+        raise Problem(
+            422,
+            f"{IDEMPOTENCY}: only requests for runs are made once per key; send uploads without",
+        )
 
 
 async def _write(
-    request: Request, dataset: str, layout: Layout, media: str, *, append: bool
+    request: Request, dataset: str, layout: LayoutParameters, media: str, *, append: bool
 ) -> Response:
     here = context(request)
     version = await here.decoder.upload(
@@ -121,7 +88,7 @@ async def _write(
         dataset=dataset,
         media=media,
         append=append,
-        layout=layout.columns,
+        layout=layout.columns(),
         file=layout.file,
     )
     found = summary(await here.catalog.snapshot(dataset, version))

@@ -1,1 +1,1 @@
-"""What goes over the wire as JSON, as pydantic models."""
+"""Bodies of requests and responses as pydantic models, which the OpenAPI document shows."""

@@ -1,10 +1,123 @@
-"""Bulk answers as JSON: the columns of the Arrow form, and what is said of all rows at once."""
+"""Responses as JSON: datasets, runs, jobs, limits, and the columns of bulk answers."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, create_model
+
+from ssil_data.store import summary
+from ssil_data.store.run_record import Run
+
+
+def _json_fields(declared: type, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return the fields of a model from a class that declares them, some under other keys."""
+    renamed = keys or {}
+    hints = get_type_hints(declared)
+    return {renamed.get(name, name): (hint, ...) for name, hint in hints.items()}
+
+
+DatasetSummary = create_model(
+    "DatasetSummary",
+    __doc__="A dataset's newest version, or the one that was requested.",
+    **_json_fields(summary.DatasetSummary),
+)
+"""A dataset as JSON: the keys of `ssil_data.store.summary.DatasetSummary`."""
+
+
+class Datasets(BaseModel):
+    """The datasets of the store."""
+
+    datasets: list[DatasetSummary]  # pyright: ignore[reportInvalidTypeForm]
+
+
+class Versions(BaseModel):
+    """The fingerprints of all versions, the newest last."""
+
+    versions: list[str]
+
+
+RunRecord = create_model(
+    "RunRecord",
+    __doc__="A scoring run: what it was made from, how, and what it needs to be used.",
+    **_json_fields(Run, {"name": "run"}),
+)
+"""The record of a run as JSON: the fields of `ssil_data.Run`, whose name is under the key `run`."""
+
+
+class RunRecords(BaseModel):
+    """The runs of all versions of a dataset, oldest first."""
+
+    runs: list[RunRecord]  # pyright: ignore[reportInvalidTypeForm]
+
+
+class Progress(BaseModel):
+    """How far a job is with one thing it does."""
+
+    what: str
+    done: int
+    of: int
+
+
+class JobError(BaseModel):
+    """Why a job made no run."""
+
+    kind: str
+    detail: str
+
+
+class Job(BaseModel):
+    """A scoring job."""
+
+    job: str
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    dataset: str
+    run: str | None
+    progress: Progress | None
+    error: JobError | None
+    created: str
+    started: str | None
+    ended: str | None
+
+
+class Jobs(BaseModel):
+    """Jobs, the newest first."""
+
+    jobs: list[Job]
+
+
+class Health(BaseModel):
+    """Whether the service lives, or is ready."""
+
+    status: str
+
+
+class Limits(BaseModel):
+    """What the service takes at most."""
+
+    body_bytes: int
+    json_bytes: int
+    run_bytes: int
+    held_bytes: int
+    upload_bytes: int
+    decoded_bytes: int
+    query_rows: int
+    batches: int
+    page_rows: int
+    contributors: int
+    seconds: float
+    requests: int
+    event_streams: int
+    connections: int
+    computing: int
+    waiting: int
+    jobs: int
+    job_queue: int
+    job_seconds: float
+    decode_seconds: float
+    body_seconds: float
+    send_seconds: float
 
 
 class _Page(BaseModel):
@@ -93,82 +206,3 @@ class ScoreAnswer(BaseModel):
     aleatoric: list[float | None]
     epistemic: list[float | None]
     leverage: list[float]
-
-
-Length = Annotated[int, Field(ge=0, le=2**40)]
-
-
-class Tensor(BaseModel):
-    """A tensor of the Open Inference Protocol; `data` in row-major order, flat or nested."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    name: str
-    shape: list[Length] = Field(min_length=1, max_length=2)
-    datatype: Literal["FP32", "FP64", "INT64"]
-    data: list[Any] | None = None
-    parameters: dict[str, Any] = {}
-
-
-class RequestedOutput(BaseModel):
-    """An output that is wanted."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    name: str
-    parameters: dict[str, Any] = {}
-
-
-class InferenceRequest(BaseModel):
-    """A question of the Open Inference Protocol, version 2."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    id: str | None = None
-    inputs: list[Tensor] = Field(min_length=1, max_length=8)
-    outputs: list[RequestedOutput] = Field(default=[], max_length=16)
-    parameters: dict[str, Any] = {}
-
-
-class InferenceAnswer(BaseModel):
-    """An answer of the Open Inference Protocol, version 2."""
-
-    model_name: str
-    model_version: str
-    id: str | None = None
-    outputs: list[Tensor]
-    parameters: dict[str, Any] = {}
-
-
-class ServerMetadata(BaseModel):
-    """What the server is."""
-
-    name: str
-    version: str
-    extensions: list[str]
-
-
-class TensorMetadata(BaseModel):
-    """A model's input or output; −1 is any number of rows."""
-
-    name: str
-    datatype: str
-    shape: list[int]
-
-
-class ModelMetadata(BaseModel):
-    """What a model takes and gives."""
-
-    name: str
-    versions: list[str]
-    platform: str
-    inputs: list[TensorMetadata]
-    outputs: list[TensorMetadata]
-
-
-class Ready(BaseModel):
-    """Whether a server or a model is ready."""
-
-    name: str | None = None
-    ready: bool = True
-    live: bool = True
