@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     )
     from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
     from ssil_data.field import Accuracy, LCoR, LeverageField
-    from ssil_data.quality import Quality, quality
+    from ssil_data.quality import Quality, measure_quality
     from ssil_data.report import write_report
     from ssil_data.scales import Conformal, MinMax, Quantile
     from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
@@ -63,8 +63,8 @@ _HOME = {
     "VAE": "estimators",
     "WindowVAE": "estimators",
     "connect": "client",
+    "measure_quality": "quality",
     "preset": "scoring",
-    "quality": "quality",
     "rescore": "scoring",
     "score": "scoring",
     "write_report": "report",
@@ -96,8 +96,8 @@ __all__ = [
     "Store",
     "WindowVAE",
     "connect",
+    "measure_quality",
     "preset",
-    "quality",
     "rescore",
     "score",
     "write_report",

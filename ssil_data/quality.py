@@ -1,7 +1,7 @@
 """How well leverage ranks true quality, where it is known: by tier, AUROC, rank correlation.
 
-Only unlabeled episodes are judged: the labeled ones taught the estimator. True score and tier are
-read here and in reports alone, never by an estimator or a trainer.
+Only unlabeled episodes are judged: the estimator was fitted on the labeled ones. True score and
+tier are read here and in reports alone, never by an estimator or a trainer.
 """
 
 from __future__ import annotations
@@ -20,14 +20,28 @@ EXPERT = "expert"
 
 @dataclass(frozen=True)
 class Quality:
-    """What is known of a run's leverage; None where the dataset lacks tiers or scores.
+    """How well a run's leverage ranks true quality; None where the dataset lacks tiers or scores.
 
-    mean_leverage_by_tier: mean over the unlabeled pairs of each tier, worst tier first.
-    auroc: chance that an expert pair has more leverage than a negative one, ties half.
-    auroc_length_matched: the same with each negative episode against the beginning of an expert
-    episode of its length, so that short episodes are not told by being early in a drive.
-    spearman: rank correlation of an episode's mean leverage with its true score.
-    spearman_given_length: the same with the rank of the episode's length held constant (partial).
+    Parameters
+    ----------
+    mean_leverage_by_tier
+        Mean over the unlabeled pairs of each tier, worst tier first; it should rise.
+    auroc
+        Chance that an expert pair has more leverage than a negative one, ties half; 1 is best, 0.5
+        is chance.
+    auroc_length_matched
+        The same with each negative episode against the beginning of an expert episode of its
+        length, so that short episodes do not stand out by being early in a drive.
+    spearman
+        Rank correlation of an episode's mean leverage with its true score; 1 is best.
+    spearman_given_length
+        The same with the rank of the episode's length held constant (partial correlation).
+
+    Examples
+    --------
+    >>> judged = sd.measure_quality(dataset, dataset.leverage("vae"))
+    >>> list(judged.mean_leverage_by_tier)
+    ['0-25', '50-75', 'expert']
     """
 
     mean_leverage_by_tier: dict[str, float]
@@ -37,49 +51,118 @@ class Quality:
     spearman_given_length: float | None
 
 
-def quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
-    """Judge the leverage (n,) that a run gave to the pairs of a dataset."""
-    drives = _Drives(dataset.episodes, leverage)
-    expert, negative = drives.of_tier(EXPERT), drives.negative
+def measure_quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
+    """Measure how well leverage ranks the true quality of a dataset's unlabeled episodes.
+
+    Parameters
+    ----------
+    dataset
+        Its episodes should have tiers or scores.
+    leverage
+        Of every pair, (n,).
+
+    Returns
+    -------
+    Quality
+        The measures; None where the dataset lacks what they need.
+
+    Examples
+    --------
+    >>> judged = sd.measure_quality(dataset, dataset.leverage("vae"))
+    >>> judged.auroc > 0.5
+    True
+    """
+    episodes = _UnlabeledEpisodes(dataset.episodes, leverage)
+    expert = episodes.of_tier(EXPERT)
+    negative = episodes.negative
     both = bool(len(expert) and len(negative))
-    scored = drives.scored
-    means, scores = drives.mean[scored], drives.score[scored]
-    lengths = drives.length[scored]
+    scored = episodes.scored
+    means = episodes.mean[scored]
+    scores = episodes.score[scored]
     return Quality(
-        mean_leverage_by_tier={tier: drives.tier_mean(tier) for tier in drives.tiers},
-        auroc=auroc(drives.pairs(expert), drives.pairs(negative)) if both else None,
-        auroc_length_matched=drives.length_matched_auroc(expert, negative) if both else None,
+        mean_leverage_by_tier={tier: episodes.tier_mean(tier) for tier in episodes.tiers},
+        auroc=auroc(episodes.pairs(expert), episodes.pairs(negative)) if both else None,
+        auroc_length_matched=episodes.length_matched_auroc(expert, negative) if both else None,
         spearman=spearman(means, scores),
-        spearman_given_length=partial_spearman(means, scores, lengths),
+        spearman_given_length=partial_spearman(means, scores, episodes.length[scored]),
     )
 
 
 def auroc(high: ArrayLike, low: ArrayLike) -> float:
-    """Return the chance that a value of `high` exceeds one of `low`, ties half (Mann–Whitney)."""
-    high, low = np.asarray(high), np.asarray(low)
-    ranks = _ranks(np.concatenate([high, low]))
-    excess = ranks[: len(high)].sum() - len(high) * (len(high) + 1) / 2
-    return float(excess / (len(high) * len(low)))
+    """Return the area under the ROC curve: the chance that a value of `high` exceeds one of `low`.
+
+    Ties count half. 1: every value of `high` is larger; 0.5: chance.
+
+    Parameters
+    ----------
+    high, low
+        At least one finite value each, (n,) and (m,).
+
+    Source
+    ------
+    Mann and Whitney, 1947: U / (n m).
+    """
+    from scipy.stats import mannwhitneyu  # slow to import, and most commands do without
+
+    one = np.asarray(high, dtype=np.float64)
+    other = np.asarray(low, dtype=np.float64)
+    statistic = mannwhitneyu(one, other, method="asymptotic").statistic
+    return float(statistic / (len(one) * len(other)))
 
 
 def spearman(values: ArrayLike, others: ArrayLike) -> float | None:
-    """Return Spearman's rank correlation; None if either is constant or there are under three."""
-    return _pearson(_ranks(values), _ranks(others))
+    """Return Spearman's rank correlation, from −1 (opposite orders) to 1 (the same order).
+
+    Parameters
+    ----------
+    values, others
+        Finite values, (n,) each.
+
+    Returns
+    -------
+    float or None
+        None if either is constant or there are under three.
+    """
+    from scipy.stats import spearmanr  # slow to import, and most commands do without
+
+    one = np.asarray(values, dtype=np.float64)
+    other = np.asarray(others, dtype=np.float64)
+    if len(one) < 3 or not np.ptp(one) or not np.ptp(other):
+        return None
+    return float(spearmanr(one, other).statistic)
 
 
 def partial_spearman(values: ArrayLike, others: ArrayLike, given: ArrayLike) -> float | None:
-    """Return Spearman's rank correlation with the rank of a third quantity held constant."""
+    """Return Spearman's rank correlation with the rank of a third quantity held constant.
+
+    Parameters
+    ----------
+    values, others
+        Finite values, (n,) each.
+    given
+        What is held constant, (n,).
+
+    Returns
+    -------
+    float or None
+        None where `spearman` is, or where `given` explains one of the two entirely.
+
+    Source
+    ------
+    Partial correlation of first order, (r_xy − r_xz r_yz) / ((1 − r_xz²)(1 − r_yz²))^½, of ranks.
+    """
     between = spearman(values, others)
     if between is None:
         return None
-    to_values, to_others = spearman(values, given), spearman(others, given)
+    to_values = spearman(values, given)
+    to_others = spearman(others, given)
     if to_values is None or to_others is None:
         return between
     spread = np.sqrt((1 - to_values**2) * (1 - to_others**2))
     return float((between - to_values * to_others) / spread) if spread > 1e-12 else None
 
 
-class _Drives:
+class _UnlabeledEpisodes:
     """The unlabeled episodes: their rows, lengths, tiers, true scores and mean leverage."""
 
     def __init__(self, episodes: pa.Table, leverage: NDArray[np.float32]) -> None:
@@ -97,36 +180,34 @@ class _Drives:
     @property
     def tiers(self) -> list[str]:
         """The tiers, worst first: by the number they begin with, the expert's last."""
-        known = {tier for tier in self.tier if tier is not None}
-
-        def place(tier: str) -> tuple[bool, float, str]:
-            number = tier.split("-")[0]
-            numbered = number.isascii() and number.isdecimal()
-            return tier == EXPERT, float(number) if numbered else np.inf, tier
-
-        return sorted(known, key=place)
+        return sorted({tier for tier in self.tier if tier is not None}, key=_tier_order)
 
     @property
     def negative(self) -> NDArray[np.int64]:
+        """The episodes of a tier that is not the expert's."""
         return np.flatnonzero([tier not in (None, EXPERT) for tier in self.tier])
 
     def of_tier(self, tier: str) -> NDArray[np.int64]:
+        """Return the episodes of a tier."""
         return np.flatnonzero(self.tier == tier)
 
     def pairs(self, chosen: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the leverage of the pairs of some episodes."""
         rows = [slice(self.first[i], self.first[i] + self.length[i]) for i in chosen]
         return np.concatenate([self.leverage[part] for part in rows])
 
     def tier_mean(self, tier: str) -> float:
+        """Return the mean leverage of the pairs of a tier."""
         return float(self.pairs(self.of_tier(tier)).mean(dtype=np.float64))
 
     def length_matched_auroc(self, expert: NDArray[np.int64], negative: NDArray[np.int64]) -> float:
-        """Pit the first L steps of each negative episode against those of an expert episode.
+        """Compare the first L steps of each negative episode with those of an expert episode.
 
         Expert episodes of at least that length take turns; where none is, both are cut to the
         longest.
         """
-        high, low = [], []
+        high: list[NDArray[np.float32]] = []
+        low: list[NDArray[np.float32]] = []
         longest = self.length[expert].max()
         for turn, index in enumerate(negative):
             steps = min(self.length[index], longest)
@@ -137,13 +218,8 @@ class _Drives:
         return auroc(np.concatenate(high), np.concatenate(low))
 
 
-def _ranks(values: ArrayLike) -> NDArray[np.float64]:
-    """Rank from 1, ties at their mean."""
-    _, place, counts = np.unique(np.asarray(values), return_inverse=True, return_counts=True)
-    return (np.cumsum(counts) - (counts - 1) / 2)[place]
-
-
-def _pearson(values: NDArray[np.float64], others: NDArray[np.float64]) -> float | None:
-    if len(values) < 3 or not np.ptp(values) or not np.ptp(others):
-        return None
-    return float(np.corrcoef(values, others)[0, 1])
+def _tier_order(tier: str) -> tuple[bool, float, str]:
+    """Order tiers by the number they begin with, those without one after them, the expert last."""
+    number = tier.split("-")[0]
+    numbered = number.isascii() and number.isdecimal()
+    return tier == EXPERT, float(number) if numbered else np.inf, tier

@@ -17,7 +17,7 @@ from ssil_data.commands.output import (
     progress,
 )
 from ssil_data.errors import InvalidInputError
-from ssil_data.quality import quality
+from ssil_data.quality import measure_quality
 from ssil_data.report import write_report
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.scoring import rescore
@@ -171,7 +171,7 @@ def _measure_quality(dataset: Dataset, run: Run) -> dict[str, Any]:
         "estimator": run.estimator["kind"],
         "preset": run.preset,
         "mean_leverage": {k: float(v.mean()) if len(v) else None for k, v in parts.items()},
-        **asdict(quality(dataset, leverage)),
+        **asdict(measure_quality(dataset, leverage)),
     }
 
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.quality import Quality, quality
+from ssil_data.quality import Quality, measure_quality
 from ssil_data.scoring import Progress
 from ssil_data.store.arrow_schema import PARTS
 from ssil_data.store.dataset import Dataset
@@ -100,7 +100,7 @@ def _read_scored(dataset: Dataset, key: str, record: Run) -> Scored:
         uncertainty=values["uncertainty"].to_numpy(),
         leverage=leverage,
         parts={part: values[part].to_numpy() for part in PARTS if not values[part].null_count},
-        quality=quality(dataset, leverage),
+        quality=measure_quality(dataset, leverage),
     )
 
 

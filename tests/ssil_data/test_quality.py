@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 from sklearn.metrics import roc_auc_score
 
 from ssil_data.commands.leverage import show
-from ssil_data.commands.output import Place, print_table
+from ssil_data.commands.output import StoreLocation, print_table
 from ssil_data.estimators import GPR
-from ssil_data.quality import auroc, partial_spearman, quality, spearman
+from ssil_data.quality import auroc, measure_quality, partial_spearman, spearman
 from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
@@ -25,11 +24,25 @@ def test_auroc_is_scikit_learns(high: list[int], low: list[int]):
     assert auroc(high, low) == pytest.approx(roc_auc_score(truth, high + low))
 
 
-@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=3, max_size=60))
-def test_spearman_is_scipys(pairs: list[tuple[int, int]]):
+@given(values, values)
+def test_auroc_is_the_share_of_pairs_in_the_right_order(high: list[int], low: list[int]):
+    wins = sum((one > other) + (one == other) / 2 for one in high for other in low)
+    assert auroc(high, low) == pytest.approx(wins / len(high) / len(low))
+
+
+def ranks(values: list[int]) -> list[float]:
+    """Ranks from 1, ties at their mean, by counting."""
+    return [
+        sum(other < value for other in values) + (values.count(value) + 1) / 2 for value in values
+    ]
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=60))
+def test_spearman_is_the_correlation_of_the_ranks(pairs: list[tuple[int, int]]):
     left, right = map(list, zip(*pairs, strict=True))
-    if len(set(left)) > 1 and len(set(right)) > 1:
-        assert spearman(left, right) == pytest.approx(stats.spearmanr(left, right)[0])
+    if len(pairs) > 2 and len(set(left)) > 1 and len(set(right)) > 1:
+        expected = np.corrcoef(ranks(left), ranks(right))[0, 1]
+        assert spearman(left, right) == pytest.approx(expected)
     else:
         assert spearman(left, right) is None
 
@@ -37,18 +50,37 @@ def test_spearman_is_scipys(pairs: list[tuple[int, int]]):
 def test_partial_spearman_removes_what_length_explains():
     rng = np.random.default_rng(0)
     length = rng.normal(size=4000)
-    score, leverage = length + rng.normal(size=4000), length + rng.normal(size=4000)
+    score = length + rng.normal(size=4000)
+    leverage = length + rng.normal(size=4000)
     assert spearman(leverage, score) > 0.4
     assert abs(partial_spearman(leverage, score, length)) < 0.05
     direct = score + 0.1 * rng.normal(size=4000)
     assert partial_spearman(direct, score, length) > 0.9
 
 
+def test_partial_spearman_is_the_correlation_of_what_length_leaves_of_the_ranks():
+    rng = np.random.default_rng(1)
+    columns = [rng.integers(0, 8, size=50).tolist() for _ in range(3)]
+    one, other, given_ = (np.array(ranks(column)) for column in columns)
+
+    def rest(values: np.ndarray) -> np.ndarray:
+        return values - np.polyval(np.polyfit(given_, values, 1), given_)
+
+    expected = np.corrcoef(rest(one), rest(other))[0, 1]
+    assert partial_spearman(*columns) == pytest.approx(expected)
+
+
+def test_partial_spearman_without_a_constant_is_spearman_and_of_the_same_thing_is_none():
+    assert partial_spearman([1, 2, 3, 4], [1, 3, 2, 4], [5, 5, 5, 5]) == pytest.approx(0.8)
+    assert partial_spearman([1, 2, 3, 4], [1, 3, 2, 4], [1, 2, 3, 4]) is None
+    assert partial_spearman([1, 1, 1, 1], [1, 3, 2, 4], [1, 2, 3, 4]) is None
+
+
 def test_tiers_are_ordered_and_averaged_over_unlabeled_pairs(dataset: Dataset):
     tier = dataset.per_pair("tier")
     leverage = np.select([tier == "0-25", tier == "50-75"], [0.1, 0.5], 0.8).astype(np.float32)
     leverage[dataset.per_pair("labeled").astype(bool)] = 0.0
-    judged = quality(dataset, leverage)
+    judged = measure_quality(dataset, leverage)
     assert list(judged.mean_leverage_by_tier) == ["0-25", "50-75", "expert"]
     assert list(judged.mean_leverage_by_tier.values()) == pytest.approx([0.1, 0.5, 0.8])
     assert judged.auroc == judged.auroc_length_matched == 1.0
@@ -58,7 +90,7 @@ def test_tiers_are_ordered_and_averaged_over_unlabeled_pairs(dataset: Dataset):
 
 def test_length_matching_is_not_fooled_by_leverage_that_grows_with_time(dataset: Dataset):
     leverage = dataset.pairs().step.astype(np.float32)
-    judged = quality(dataset, leverage)
+    judged = measure_quality(dataset, leverage)
     assert judged.auroc is not None
     assert judged.auroc > 0.7
     assert judged.auroc_length_matched == pytest.approx(0.5)
@@ -66,7 +98,7 @@ def test_length_matching_is_not_fooled_by_leverage_that_grows_with_time(dataset:
 
 def test_a_dataset_without_tiers_and_scores_has_no_quality(store: Store):
     plain = store.create("plain", [drive(0, 9)], state_names=STATE_NAMES, action_names=ACTION_NAMES)
-    judged = quality(plain, np.ones(9, np.float32))
+    judged = measure_quality(plain, np.ones(9, np.float32))
     assert judged.mean_leverage_by_tier == {}
     assert (judged.auroc, judged.spearman, judged.auroc_length_matched) == (None, None, None)
 
@@ -82,7 +114,7 @@ def of_tiers(store: Store, *tiers: str) -> Dataset:
 
 def test_only_tiers_that_begin_with_a_plain_number_are_ordered_by_it(store: Store):
     odd = of_tiers(store, "²", "expert", "٣-9", "100", "25-50", "bad", "9-10")
-    judged = quality(odd, np.full(len(odd), 0.5, np.float32))
+    judged = measure_quality(odd, np.full(len(odd), 0.5, np.float32))
     assert list(judged.mean_leverage_by_tier) == [
         "9-10",
         "25-50",
@@ -103,7 +135,7 @@ def test_text_that_looks_like_markup_is_shown_as_it_is(capsys: pytest.CaptureFix
 
 def test_a_tier_of_any_name_has_its_own_column(store: Store, capsys: pytest.CaptureFixture[str]):
     score(of_tiers(store, "run", "tier run", "AUROC", "[/x]"), GPR(), run="mine")
-    show("odd", place=Place(store.folder.uri))
+    show("odd", location=StoreLocation(store.folder.uri))
     title, _, head, _, row, *_ = capsys.readouterr().out.splitlines()
     assert title.startswith("Leverage")
     assert [cell.strip() for cell in head.strip("┃").split("┃")][:7] == [

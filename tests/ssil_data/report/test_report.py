@@ -13,7 +13,7 @@ import vl_convert
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import GPR, MDN, VAE
-from ssil_data.quality import quality
+from ssil_data.quality import measure_quality
 from ssil_data.report import write_report
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.findings import disputes, least_trusted
@@ -139,7 +139,7 @@ def test_a_dataset_without_labeled_episodes_has_a_page(
 def test_the_run_of_the_best_auroc_is_shown_first(dataset: Dataset, tmp_path: Path):
     score(dataset, Recipe(VAE(steps=1, hidden=1, latent=1), MinMax()), run="poor")
     score(dataset, VAE(steps=300), run="good")
-    aurocs = {run: quality(dataset, dataset.leverage(run)).auroc or 0 for run in ("poor", "good")}
+    aurocs = {run: measure_quality(dataset, dataset.leverage(run)).auroc or 0 for run in ("poor", "good")}
     assert aurocs["good"] > aurocs["poor"]
     assert "Shown first below: good" in reported(dataset, tmp_path).text
 

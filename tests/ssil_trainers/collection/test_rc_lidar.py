@@ -12,7 +12,7 @@ import pytest
 
 from ssil_data.commands.output import StoreLocation
 from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
-from ssil_data.quality import quality
+from ssil_data.quality import measure_quality
 from ssil_data.scoring import preset, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
@@ -237,7 +237,7 @@ def test_experts_have_more_leverage_than_every_quality_of_negatives(
     rc_lidar: Dataset, kind: str
 ) -> None:
     run = score(rc_lidar, preset("default", kind), seed=0)
-    found = quality(rc_lidar, rc_lidar.leverage(run.name))
+    found = measure_quality(rc_lidar, rc_lidar.leverage(run.name))
     means = found.mean_leverage_by_tier
     assert list(means) == [*TIERS, "expert"]
     assert all(means["expert"] > means[tier] + 0.05 for tier in TIERS)

@@ -1,4 +1,4 @@
-"""A cell: one training run, or one scoring run, of a table, and the file that keeps its result."""
+"""Table cells: one training run or scoring run each, and the file that keeps its result."""
 
 from __future__ import annotations
 
@@ -6,33 +6,47 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.quality import quality
+from ssil_data.quality import measure_quality
 from ssil_data.store import Store
 from ssil_data.store.folder import Folder
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.commands.evaluate import drive
 from ssil_trainers.envs.registry import make_single, make_vectorized
-from ssil_trainers.experiments.lessons import Fit
-from ssil_trainers.experiments.protocol import Table
-from ssil_trainers.training.data_source import TrainingData
-from ssil_trainers.training.run import TrainJob, train
+from ssil_trainers.experiments.fits import Fit
+from ssil_trainers.experiments.tables import Table
+from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.evaluation import drive_episode
+from ssil_trainers.training.run import train
 
 FIRST_TEST_SEED = 10_000
-"""Where an episode of a test starts: at this seed and those after it, for every policy."""
+"""Seed of the first test episode; the next ones have the following seeds, for every policy."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Which number of which table; for leverage the method is the preset, labels None is all."""
+    """Which number of which table.
+
+    Parameters
+    ----------
+    table:
+        Name of the table.
+    method:
+        The method; in the table of leverage, the preset.
+    estimator:
+        Estimator of the leverage; None for a method without one.
+    labels:
+        Number of labeled pairs; None for all.
+    seed:
+        Seed of the run.
+    """
 
     table: str
     method: str
@@ -42,7 +56,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """The name of its file."""
+        """The name of its file, without suffix."""
         labels = None if self.labels is None else f"{self.labels}-labels"
         parts = (self.table, self.method, self.estimator, labels, f"seed-{self.seed}")
         return "-".join(part for part in parts if part is not None)
@@ -50,7 +64,19 @@ class Cell:
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """A cell with all that decides its result: `identity` is that as JSON."""
+    """The work that fills a cell.
+
+    Parameters
+    ----------
+    cell:
+        The cell.
+    identity:
+        Everything that decides the result, as JSON: a result with another identity is outdated.
+    output:
+        Folder of the reproduction.
+    fit:
+        The scoring run it needs; None for none.
+    """
 
     cell: Cell
     identity: Mapping[str, Any]
@@ -59,34 +85,46 @@ class Task(ABC):
 
     @property
     def name(self) -> str:
-        """What a progress line calls it."""
+        """The name in progress lines."""
         return self.cell.name
 
     @abstractmethod
     def __call__(self) -> None:
-        """Do it and keep the result."""
+        """Do the work and write the result."""
 
     @property
     def path(self) -> Path:
         """The file of the result."""
         return self.output / "cells" / f"{self.cell.name}.json"
 
-    def result(self) -> dict[str, Any] | None:
-        """Read the result; None if there is none, or one that something else was decided by."""
+    def read_result(self) -> dict[str, Any] | None:
+        """Read the result; None if there is none, or an outdated one."""
         if not self.path.exists():
             return None
         found = json.loads(self.path.read_text("utf-8"))
         return found if found["identity"] == self.identity else None
 
-    def keep(self, result: Mapping[str, Any]) -> None:
-        """Write the result whole or not at all."""
+    def write_result(self, result: Mapping[str, Any]) -> None:
+        """Write the result completely or not at all."""
         text = json.dumps({"identity": self.identity, **result}, indent=1, allow_nan=False)
         Folder(self.path.parent).write(self.path.name, f"{text}\n".encode())
 
 
 @dataclass(frozen=True)
 class Training(Task):
-    """Trains on the twin, then drives the real environment by the policy's mean action."""
+    """Trains in the vectorized twin, then tests the policy in the real environment.
+
+    Parameters
+    ----------
+    table:
+        The table, which says where to train and to test.
+    settings:
+        Settings of the training run.
+    store:
+        Location of the working store.
+    dataset:
+        Name of the demonstrations in it.
+    """
 
     table: Table
     settings: TrainSettings
@@ -94,63 +132,86 @@ class Training(Task):
     dataset: str
 
     def __call__(self) -> None:
-        """Do it and keep the result."""
-        wall, processor = time.perf_counter(), time.process_time()
-        table, method = self.table, self.cell.method
-        run = None if self.fit is None else self.fit.run
-        lessons = TrainingData.of(Store(self.store)[self.dataset], run, threads=1)
-        full = table.full_score or lessons.expert_return
-        if full is None:
-            raise InvalidInputError(f"{self.dataset}: expected scored episodes with rewards")
-        job = TrainJob(
-            method,
-            self.settings,
-            lessons.demonstrations,
-            lambda count: make_vectorized(table.train_on, count),
-            origin={},
-            expert_return=full,
+        """Train, test, and write the result."""
+        clock = Clock()
+        data, full_score = self._read_data()
+        trained = train(
+            self.cell.method,
+            data,
+            lambda count: make_vectorized(self.table.train_on, count),
+            settings=self.settings,
         )
-        trained = train(job)
-        rows = [moment.row() for moment in trained.curve if moment.evaluation is not None]
-        tests = {test: _evaluate(trained.policy, test, table.episodes) for test in table.tests}
-        scores = {test: float(np.mean(found["returns"]) / full) for test, found in tests.items()}
-        self.keep(
+        tests = {
+            task: _test_policy(trained.policy, task, self.table.episodes)
+            for task in self.table.tests
+        }
+        scores = {
+            task: float(np.mean(found["returns"]) / full_score) for task, found in tests.items()
+        }
+        curve = [row.figures() for row in trained.curve if row.evaluation is not None]
+        self.write_result(
             {
                 "score": float(np.mean(list(scores.values()))),
-                "full_score": full,
+                "full_score": full_score,
                 "scores": scores,
                 "tests": tests,
-                "curve": rows,
-                "seconds": round(time.perf_counter() - wall, 2),
-                "processor_seconds": round(time.process_time() - processor, 2),
+                "curve": curve,
+                **clock.spent(),
             }
         )
+
+    def _read_data(self) -> tuple[TrainingData, float]:
+        """Read the demonstrations, and the return that counts as 1 in the table."""
+        run = None if self.fit is None else self.fit.run
+        data = TrainingData.read(Store(self.store)[self.dataset], run, threads=1)
+        full_score = self.table.full_score or data.expert_return
+        if full_score is None:
+            raise InvalidInputError(
+                f"{self.dataset}: no whole episode has rewards and a score, so the expert's return "
+                "is not known"
+            )
+        return replace(data, expert_return=full_score), full_score
 
 
 @dataclass(frozen=True)
 class Scoring(Task):
-    """Judges the leverage of a scoring run that was made before."""
+    """Measures how good the leverage of a scoring run is; the run is made before."""
 
     def __call__(self) -> None:
-        """Do it and keep the result."""
+        """Measure, and write the result."""
         assert self.fit is not None
-        wall, processor = time.perf_counter(), time.process_time()
+        clock = Clock()
         dataset = Store(self.fit.store)[self.fit.dataset]
-        found = asdict(quality(dataset, dataset.leverage(self.fit.run)))
-        seconds = round(time.perf_counter() - wall, 2)
-        spent = round(time.process_time() - processor, 2)
-        self.keep({**found, "seconds": seconds, "processor_seconds": spent})
+        found = asdict(measure_quality(dataset, dataset.leverage(self.fit.run)))
+        self.write_result({**found, **clock.spent()})
 
 
-def settings_of(method: str, given: TrainSettings) -> dict[str, Any]:
-    """Return the settings that a method trains by, as JSON."""
-    return asdict(METHODS[method].settings(given))
+class Clock:
+    """Measures the time since it was made."""
+
+    def __init__(self) -> None:
+        self._wall = time.perf_counter()
+        self._processor = time.process_time()
+
+    def spent(self) -> dict[str, float]:
+        """Return wall time and processor time in seconds, by their names in a result."""
+        return {
+            "seconds": round(time.perf_counter() - self._wall, 2),
+            "processor_seconds": round(time.process_time() - self._processor, 2),
+        }
 
 
-def _evaluate(policy: Policy, task: str, episodes: int) -> dict[str, list[Any]]:
-    """Drive so many episodes of the real environment."""
-    world = make_single(task)
-    driven = [drive(policy, world, seed=FIRST_TEST_SEED + number) for number in range(episodes)]
-    world.close()
-    returns, lengths = zip(*driven, strict=True)
+def settings_of(method: str, settings: TrainSettings) -> dict[str, Any]:
+    """Return the settings that a method is trained with, as JSON."""
+    return asdict(METHODS[method].override(settings))
+
+
+def _test_policy(policy: Policy, task: str, episodes: int) -> dict[str, list[Any]]:
+    """Run test episodes in the real environment; return their returns and lengths."""
+    env = make_single(task)
+    found = [
+        drive_episode(policy, env, seed=FIRST_TEST_SEED + number) for number in range(episodes)
+    ]
+    env.close()
+    returns, lengths = zip(*found, strict=True)
     return {"returns": list(returns), "lengths": list(lengths)}
