@@ -15,7 +15,8 @@ from ssil_service import embed
 from ssil_service.server.launch import Server, launch
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drives
 
-READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
+READ_KEY = "reads-and-asks-only"
+WRITE_KEY = "writes-and-deletes-too"
 
 
 @pytest.fixture(scope="session")
@@ -51,7 +52,7 @@ def remote(folder: Path) -> Iterator[RemoteStore]:
 
 @pytest.fixture(scope="session")
 def asked(scored: Path) -> Iterator[httpx.Client]:
-    """Plain requests to a service that all tests ask and none changes."""
+    """Plain requests to a service that all tests share and none changes."""
     with embed(scored, jobs=1) as store:
         yield store.connection.client
 
@@ -71,13 +72,13 @@ def states() -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def served_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the server below has its store and its log."""
+    """The folder of the server below: its store and its log."""
     return tmp_path_factory.mktemp("server")
 
 
 @pytest.fixture(scope="session")
 def server(scored: Path, served_folder: Path) -> Iterator[Server]:
-    """A service that is quick to lose its patience, over a store with many pairs, `many`."""
+    """A service with short time-outs, over a store with a dataset `many` of 400,000 pairs."""
     store = sd.Store(shutil.copytree(scored, served_folder / "store"))
     rng = np.random.default_rng(0)
     many = sd.Episode(rng.normal(size=(400_000, 3)), rng.normal(size=(400_000, 2)))
@@ -91,7 +92,7 @@ def server(scored: Path, served_folder: Path) -> Iterator[Server]:
 
 @pytest.fixture
 def raw(server: Server) -> Iterator[Callable[..., socket.socket]]:
-    """Connect to that service, and send bytes as they are."""
+    """Connect to that service and send raw bytes."""
     opened: list[socket.socket] = []
 
     def connect(data: bytes = b"", *, buffer: int = 0) -> socket.socket:
@@ -112,13 +113,13 @@ def raw(server: Server) -> Iterator[Callable[..., socket.socket]]:
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
-    """Start services in processes of their own; all of them are ended with the test."""
+    """Start services in processes of their own; all of them are killed at the end of the test."""
     started: list[Server] = []
 
     def start(store: Path, *flags: str, keys: bool = False) -> Server:
-        known = {"SSIL_READ_KEY": READ_KEY, "SSIL_WRITE_KEY": WRITE_KEY} if keys else {}
+        variables = {"SSIL_READ_KEY": READ_KEY, "SSIL_WRITE_KEY": WRITE_KEY} if keys else {}
         log = tmp_path / f"log-{len(started)}"
-        started.append(launch(store, *flags, log=log, environment=known))
+        started.append(launch(store, *flags, log=log, environment=variables))
         return started[-1]
 
     yield start

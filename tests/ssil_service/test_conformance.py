@@ -21,14 +21,14 @@ def test_the_service_does_what_its_openapi_document_says(
         *("--checks", "all", "--max-examples", "4", "--generation-deterministic", "--no-color"),
         *(("-H", "X-API-Key: writes-and-deletes-too") if keys else ()),
     ]
-    known = {
+    environment = {
         "SCHEMATHESIS_HOOKS": "support.service_fits",
         "PYTHONPATH": str(ROOT / "tests"),
         "PATH": "/usr/bin:/bin",
         "HOME": str(tmp_path),
     }
     done = subprocess.run(
-        command, env=known, cwd=tmp_path, capture_output=True, text=True, check=False
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout[-5000:]
 

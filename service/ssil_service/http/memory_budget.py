@@ -8,8 +8,8 @@ from ssil_service.problems import busy
 class MemoryBudget:
     """Bytes of bodies, and of long answers to queries, that are in memory now.
 
-    A request that is alone may take any number of bytes, as other limits bound a single request;
-    otherwise one that does not fit is refused.
+    The only request in memory may take any number of bytes, as other limits bound a single
+    request; otherwise one that does not fit is refused.
 
     Parameters
     ----------
@@ -44,5 +44,11 @@ class MemoryBudget:
         self.bytes += size
 
     def release(self, size: int) -> None:
-        """Give back bytes that were reserved."""
+        """Give back bytes that were reserved.
+
+        Parameters
+        ----------
+        size
+            All that the request reserved, or a part of it.
+        """
         self.bytes -= size

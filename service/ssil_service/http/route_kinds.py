@@ -14,9 +14,9 @@ from typing import NamedTuple
 from ssil_service.security.hosts import SAFE
 
 QUERIES = ("/lcor", "/cor", "/score", "/infer")
-"""Ends of the paths to which a POST asks something and changes nothing."""
+"""Ends of the paths at which a POST is a query and changes nothing."""
 UPLOADS = ("/episodes",)
-"""Ends of the paths to which a POST brings episodes; every PUT brings a dataset."""
+"""Ends of the paths at which a POST uploads episodes; every PUT uploads a dataset."""
 EVENT_STREAMS = re.compile(r"/v1/jobs/[^/]*/events")
 """Paths whose answers last as long as the job that they follow."""
 HEALTH_CHECKS = ("/healthz", "/readyz", "/v2/health/live", "/v2/health/ready")

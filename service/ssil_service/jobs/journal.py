@@ -161,7 +161,13 @@ class Journal:
         return sorted(found, key=lambda record: record.created)
 
     def forget(self, job_id: str) -> None:
-        """Delete a job's record."""
+        """Delete a job's record.
+
+        Parameters
+        ----------
+        job_id
+            The job, if there is one.
+        """
         with suppress(OSError):
             (self._path / f"{job_id}.json").unlink()
         self._ended.pop(job_id, None)

@@ -92,7 +92,7 @@ class JobQueue:
     # start and end
 
     def start(self) -> None:
-        """Adopt the jobs of dead servers, and begin to run jobs."""
+        """Adopt the jobs of dead servers, and start the threads that run jobs."""
         with self.lease.adopt_orphans() as living:
             for record in self.journal.all():
                 if record.has_ended:
@@ -208,7 +208,23 @@ class JobQueue:
         return self.get(record.id)
 
     def get(self, job_id: str) -> dict[str, Any]:
-        """Return a job of any server as clients see it; raises NotFoundError."""
+        """Return a job of any server.
+
+        Parameters
+        ----------
+        job_id
+            Any text.
+
+        Returns
+        -------
+        dict
+            The job as clients see it; only its own server knows its progress.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such job.
+        """
         record = self._registry.find(job_id)
         if record is None:
             raise not_found(job_id)
@@ -307,10 +323,10 @@ class JobQueue:
             self._registry.write_start(job, name)
 
     def _needs_another_name(self, job: Job, ending: Ending) -> bool:
-        """Tell whether somebody took, while the job ran, the name that the service chose for it.
+        """Return whether the name that the service chose was taken while the job ran.
 
-        Only writers outside the service can: jobs reserve their names. A name that the client
-        chose is not changed.
+        Only a writer outside the service can take it, as jobs reserve their names. A name that the
+        client chose is never changed.
         """
         record = job.record
         conflict = ending.error is not None and ending.error["kind"] == ConflictError.__name__

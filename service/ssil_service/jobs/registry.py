@@ -13,7 +13,7 @@ from ssil_service.jobs.journal import ENDED, KEPT, JobRecord, JobState, Journal
 from ssil_service.jobs.runner import Ending
 from ssil_service.logs import log_event
 from ssil_service.problems import busy
-from ssil_service.workers.pool import Worker
+from ssil_service.workers.worker import Worker
 
 
 @dataclass
@@ -30,8 +30,8 @@ class JobRegistry:
     """This server's jobs by id, and a view of the other servers'.
 
     The registry owns the lock under which its jobs change: they are changed by its methods only,
-    from any thread. Whoever takes that lock as well as `ServerLease.exclusive` takes this one
-    last.
+    from any thread. A thread may hold `ServerLease.exclusive` when it calls them, but must not
+    take that lock inside them.
 
     Parameters
     ----------
@@ -54,12 +54,35 @@ class JobRegistry:
         return self._closed
 
     def find(self, job_id: str) -> JobRecord | None:
-        """Return a job's record, whichever server's it is; None if there is no such job."""
+        """Return a job's record, whichever server's it is.
+
+        Parameters
+        ----------
+        job_id
+            Any text.
+
+        Returns
+        -------
+        JobRecord or None
+            None if there is no such job.
+        """
         job = self._jobs.get(job_id)
         return self._journal.get(job_id) if job is None else job.record
 
     def progress(self, job_id: str) -> dict[str, Any] | None:
-        """Return how far a job of this server is; None for another server's."""
+        """Return how far a job is.
+
+        Parameters
+        ----------
+        job_id
+            Any text.
+
+        Returns
+        -------
+        dict or None
+            What it does, and `done` of how many steps; None before it runs, and for another
+            server's job.
+        """
         job = self._jobs.get(job_id)
         return None if job is None else job.progress
 
@@ -70,7 +93,18 @@ class JobRegistry:
         return sorted(records.values(), key=lambda record: record.created)
 
     def reserved_names(self, dataset: str) -> set[str]:
-        """Return the names of the runs of a dataset that jobs are yet to make."""
+        """Return the names that are reserved for the runs of unfinished jobs.
+
+        Parameters
+        ----------
+        dataset
+            Whose runs they are.
+
+        Returns
+        -------
+        set of str
+            Of all servers' jobs.
+        """
         return {
             record.run_name
             for record in self.records()
@@ -89,14 +123,30 @@ class JobRegistry:
     # how a job comes in
 
     def restore(self, record: JobRecord) -> Job:
-        """Add a job that the journal has already."""
+        """Add a job that the journal has already.
+
+        Parameters
+        ----------
+        record
+            It is not written again.
+
+        Returns
+        -------
+        Job
+            The job, to be finished if it did not end.
+        """
         job = Job(record)
         with self._changed:
             self._jobs[record.id] = job
         return job
 
     def accept(self, record: JobRecord) -> None:
-        """Write a queued job to the journal, then let it be taken.
+        """Write a queued job to the journal, then let a thread take it.
+
+        Parameters
+        ----------
+        record
+            Of a new job, or of one that is adopted.
 
         Raises
         ------
@@ -124,6 +174,13 @@ class JobRegistry:
     def write_start(self, job: Job, run_name: str) -> None:
         """Write to the journal that a job runs, and under which name.
 
+        Parameters
+        ----------
+        job
+            A job that was taken.
+        run_name
+            The name that its run will have.
+
         Raises
         ------
         OSError
@@ -133,10 +190,16 @@ class JobRegistry:
         self._journal.write(job.record)
 
     def assign_worker(self, job: Job, worker: Worker | None) -> None:
-        """Note the worker that runs a job, so that cancelling kills it; None when it is released.
+        """Note the worker that runs a job, so that cancelling the job kills it.
 
-        Cancelling reads it under the same lock and never kills a worker that has gone on to
-        another job.
+        It is noted under the lock that `cancel` takes: no worker is killed that runs another job.
+
+        Parameters
+        ----------
+        job
+            The job.
+        worker
+            The worker that begins, None when it is released.
         """
         with self._changed:
             job.worker = worker
@@ -144,13 +207,26 @@ class JobRegistry:
                 worker.kill_soon()
 
     def report(self, job: Job, progress: dict[str, Any]) -> None:
-        """Note how far a job is."""
+        """Note how far a job is.
+
+        Parameters
+        ----------
+        job
+            The job.
+        progress
+            As clients see it.
+        """
         job.progress = progress
 
     # how it ends
 
     def cancel(self, job_id: str) -> None:
         """Cancel a queued job, or stop a running one; one that has ended stays as it is.
+
+        Parameters
+        ----------
+        job_id
+            Of a job of this server.
 
         Raises
         ------
@@ -180,7 +256,15 @@ class JobRegistry:
                 job.worker.kill_soon()
 
     def finish(self, job: Job, ending: Ending) -> None:
-        """Record how a job ended; what the disk refuses is written again with the next one."""
+        """Record how a job ended; what the disk refuses is tried again with the next ending.
+
+        Parameters
+        ----------
+        job
+            The job.
+        ending
+            How it ended; one that was stopped and failed for that counts as cancelled.
+        """
         was_cancelled = job.cancel_requested and ending.error is not None
         state: JobState = "cancelled" if was_cancelled else ending.state
         error = None if was_cancelled else ending.error
@@ -224,7 +308,13 @@ class JobRegistry:
 
 
 def not_found(job_id: str) -> NotFoundError:
-    """Return the error for a job that no server has."""
+    """Return the error for a job that no server has.
+
+    Parameters
+    ----------
+    job_id
+        The id that was looked for.
+    """
     return NotFoundError(f"Job not found: {job_id}")
 
 

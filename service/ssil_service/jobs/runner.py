@@ -12,7 +12,8 @@ from ssil_data.store import Store
 from ssil_data.store.runs import Run
 from ssil_service.jobs.journal import JobRecord
 from ssil_service.problems import Problem, of_library
-from ssil_service.workers.pool import AssignWorker, Pool, Report, TaskError
+from ssil_service.workers.pool import AssignWorker, Pool
+from ssil_service.workers.worker import Report, TaskError
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,15 @@ class Ending:
 
     @classmethod
     def of_error(cls, kind: str, detail: str) -> Ending:
-        """Return the ending of a job that failed."""
+        """Return the ending of a job that failed.
+
+        Parameters
+        ----------
+        kind
+            Name of the error, which clients may branch on.
+        detail
+            A sentence for people.
+        """
         return cls("failed", {"kind": kind, "detail": detail})
 
 
@@ -70,7 +79,18 @@ class Runner:
         return next(name for name in numbered if name not in used)
 
     def name_is_used(self, record: JobRecord) -> bool:
-        """Tell whether a run has the job's name; raises NotFoundError without its dataset."""
+        """Return whether a run has the job's name.
+
+        Parameters
+        ----------
+        record
+            The job.
+
+        Raises
+        ------
+        NotFoundError
+            If its dataset is gone.
+        """
         return record.run_name in self._run_names(record.dataset)
 
     def run(self, record: JobRecord, *, report: Report, assign_worker: AssignWorker) -> Ending:
@@ -104,7 +124,13 @@ class Runner:
         return Ending("succeeded")
 
     def explain(self, error: SsilDataError | Problem) -> Ending:
-        """Return the ending of a job that was refused, without naming a path of this machine."""
+        """Return the ending of a job that was refused.
+
+        Parameters
+        ----------
+        error
+            Why; paths of this machine in its message are replaced.
+        """
         kind = type(error).__name__
         if isinstance(error, SsilDataError):
             error = of_library(error, [Store(self.store).folder.uri])

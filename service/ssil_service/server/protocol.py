@@ -29,7 +29,7 @@ def timeout_protocol(
         Time for the head of a request to arrive, from the opening of the connection or the end of
         the answer before.
     send_seconds
-        Time in which a client must read something of an answer that waits for it.
+        Time in which a client must read something of an answer that is ready.
     connection_limit
         Most connections; further ones are closed at once.
 

@@ -34,7 +34,13 @@ class CoalescingTransport:
         self.resume_reading = transport.resume_reading
 
     def write(self, data: bytes) -> None:
-        """Send bytes, at the latest in the loop's next round."""
+        """Send bytes, at the latest in the loop's next round.
+
+        Parameters
+        ----------
+        data
+            Part of an answer.
+        """
         if not data:
             return
         if not self._chunks:

@@ -13,8 +13,9 @@ from typing import Any
 from ssil_service.logs import log_event
 from ssil_service.problems import Problem, busy, of_fault
 from ssil_service.workers.lease import ServerLease
-from ssil_service.workers.pool import Pool, TaskError
+from ssil_service.workers.pool import Pool
 from ssil_service.workers.tasks import Phase
+from ssil_service.workers.worker import TaskError
 
 _RUNNING_LIMIT = 2
 """Bodies that are decoded at once."""

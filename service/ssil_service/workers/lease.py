@@ -74,7 +74,7 @@ class ServerLease:
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Hold the one lock of all servers, under which leases begin and jobs are accepted."""
+        """Hold the lock that all servers share; leases start and jobs are accepted under it."""
         handle = os.open(self.state_folder / "takeover", os.O_CREAT | os.O_RDONLY, 0o600)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)

@@ -23,14 +23,28 @@ body is to blame for a failure; in writing, a change may have been made."""
 
 
 class Reporter(Protocol):
-    """How a task tells the server how far it is."""
+    """How a task reports to the server."""
 
     def __call__(self, what: str, done: int, of: int) -> None:
-        """Report that `done` of `of` steps of `what` are done."""
+        """Report progress.
+
+        Parameters
+        ----------
+        what
+            The work, for people.
+        done, of
+            How many steps of how many are done.
+        """
         ...
 
     def enter(self, phase: Phase) -> None:
-        """Report that the task enters a phase."""
+        """Report that another phase begins.
+
+        Parameters
+        ----------
+        phase
+            What the task does from now on.
+        """
         ...
 
 
@@ -133,7 +147,7 @@ def upload(
     most_rows
         Rows that the file may have.
     report
-        Told when the file is read and writing begins.
+        Called when the file is read and writing begins.
 
     Returns
     -------
@@ -173,7 +187,7 @@ TASKS: Mapping[str, Callable[..., Any]] = {
     "decode": decode,
     "upload": upload,
 }
-"""Tasks by the name under which the server asks for them."""
+"""Tasks by the name that the server sends."""
 
 
 def _read_arrow(source: Path, most_rows: int) -> pa.Table:

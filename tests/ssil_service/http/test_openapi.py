@@ -1,4 +1,4 @@
-"""The OpenAPI document: it names the answers that no route gives, but that clients get."""
+"""The OpenAPI document names the answers that clients get from the middleware too."""
 
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from ssil_service import embed
 
 LCOR = "/v1/datasets/{dataset}/runs/{run}/lcor"
 MODEL = "/v2/models/{model}"
-LOCAL, FOREIGN = {"Host": "localhost"}, {"Host": "localhost", "Origin": "https://elsewhere.example"}
+LOCAL = {"Host": "localhost"}
+FOREIGN = {"Host": "localhost", "Origin": "https://elsewhere.example"}
 LARGE = {"Content-Length": "999999999"}
 
 
@@ -24,7 +25,7 @@ LARGE = {"Content-Length": "999999999"}
         ("DELETE", "/v1/datasets/{dataset}", LOCAL | {"If-Match": '"other"'}, 412),
     ],
 )
-def test_the_answers_of_the_edge_are_documented(
+def test_the_answers_of_the_middleware_are_documented(
     method: str, path: str, headers: dict[str, str], status: int, asked: httpx.Client
 ):
     url = path.format(dataset="drives", run="vae", model="drives.vae")
@@ -37,7 +38,7 @@ def test_other_methods_and_head_are_documented(asked: httpx.Client):
     assert "HEAD is answered" in text and "405" in text and "Retry-After" in text
 
 
-def test_with_keys_a_foreign_page_may_ask_and_the_document_knows(folder: Path):
+def test_with_keys_another_origin_may_query_and_the_document_says_so(folder: Path):
     with embed(folder, read_key="reads-and-asks-only") as store:
         http = store.connection.client
         headers = FOREIGN | {"X-API-Key": "reads-and-asks-only"}
@@ -46,7 +47,7 @@ def test_with_keys_a_foreign_page_may_ask_and_the_document_knows(folder: Path):
         assert "403" not in documented(http)["paths"][LCOR]["post"]["responses"]
 
 
-def test_a_run_is_started_whatever_is_accepted(asked: httpx.Client):
+def test_starting_a_run_ignores_the_accept_header(asked: httpx.Client):
     path = "/v1/datasets/{dataset}/runs"
     assert "406" not in documented(asked)["paths"][path]["post"]["responses"]
 

@@ -1,4 +1,4 @@
-"""Overload: what is too much at once is refused at once, with a time to come back."""
+"""Overload: what is too much at once is refused at once, with a time to retry after."""
 
 import asyncio
 import time
@@ -25,12 +25,12 @@ from ssil_service.workers.decoding import Decoder
 from ssil_service.workers.lease import ServerLease
 
 
-def test_a_full_gate_refuses_at_once_with_a_time_to_wait():
+def test_a_full_executor_refuses_at_once_with_a_time_to_retry_after():
     async def overload() -> list[BaseException | None]:
-        gate = BoundedExecutor(computing=1, waiting=2)
-        tasks = [asyncio.ensure_future(gate.run(lambda: time.sleep(0.05))) for _ in range(6)]
+        executor = BoundedExecutor(computing=1, waiting=2)
+        tasks = [asyncio.ensure_future(executor.run(lambda: time.sleep(0.05))) for _ in range(6)]
         done = await asyncio.gather(*tasks, return_exceptions=True)
-        gate.close(1)
+        executor.close(1)
         return done
 
     done = asyncio.run(overload())
@@ -42,12 +42,14 @@ def test_a_full_gate_refuses_at_once_with_a_time_to_wait():
 
 @pytest.fixture
 def slow() -> Iterator[tuple[Callable[..., httpx.Client], Event]]:
-    """Make services that answer when they are told to, with as many bytes as they were sent."""
-    told, made = Event(), list[httpx.Client]()
-    app, metrics = FastAPI(), Metrics()
+    """Start services whose `/slow` answers once an event is set, with as many bytes as it got."""
+    answer = Event()
+    clients: list[httpx.Client] = []
+    app = FastAPI()
+    metrics = Metrics()
 
     @app.exception_handler(Problem)
-    async def refused(request: Request, problem: Any) -> Response:
+    async def refuse(request: Request, problem: Any) -> Response:
         return problem.response()
 
     @app.get("/healthz")
@@ -55,87 +57,90 @@ def slow() -> Iterator[tuple[Callable[..., httpx.Client], Event]]:
     async def slow(request: Request) -> Response:
         body = await request.body()
         async with asyncio.timeout(10):
-            while not told.is_set() and request.method == "POST":
+            while not answer.is_set() and request.method == "POST":
                 await asyncio.sleep(0.01)
         return Response(b"x" * len(body))
 
     @app.get("/long")
     @app.post("/lcor")
     @app.put("/lcor")
-    @app.post("/written")
+    @app.post("/change")
     async def long() -> Response:
         return Response(b"x" * 200_000)
 
     @app.get("/metrics")
-    async def told_metrics() -> Response:
+    async def show_metrics() -> Response:
         return Response(metrics.text())
 
     def start(**settings: Any) -> httpx.Client:
         service = Middleware(app, settings=Settings(**settings), metrics=metrics)
-        made.append(httpx.Client(transport=EmbeddedTransport(service), base_url="http://here"))
-        return made[-1]
+        clients.append(httpx.Client(transport=EmbeddedTransport(service), base_url="http://here"))
+        return clients[-1]
 
-    yield start, told
-    told.set()
-    for client in made:
+    yield start, answer
+    answer.set()
+    for client in clients:
         client.close()
 
 
-def test_too_many_requests_at_once_are_refused_but_health_is_told(slow):
-    start, told = slow
+def test_too_many_requests_at_once_are_refused_but_health_checks_are_answered(slow):
+    start, answer = slow
     http = start(requests=1)
     with ThreadPoolExecutor(1) as other:
         first = other.submit(http.post, "/slow")
-        while http.get("/slow").status_code == 405:  # that one is there yet
+        while http.get("/slow").status_code == 405:  # the first one has not arrived yet
             time.sleep(0.01)
         refused = http.get("/slow")
         assert (refused.status_code, refused.headers["retry-after"]) == (503, "1")
+        assert refused.json()["detail"] == "Too many concurrent requests (limit 1); retry after 1 s"
         assert http.get("/healthz").status_code == 200
-        told.set()
+        answer.set()
         assert first.result().status_code == 200
     assert http.get("/slow").status_code == 405
 
 
 @pytest.fixture
 def full(slow: Any) -> Iterator[httpx.Client]:
-    """Make a service that holds as much as it may, and more than it may with anything else."""
-    start, told = slow
+    """Start a service whose memory budget is used up by one request."""
+    start, answer = slow
     http = start(held_bytes=10_000)
     with ThreadPoolExecutor(1) as other:
-        first = other.submit(http.post, "/slow", content=b"x" * 19_000)  # alone, it may
+        first = other.submit(
+            http.post, "/slow", content=b"x" * 19_000
+        )  # the only one may exceed the budget
         while "ssil_held_bytes 19000.0" not in http.get("/metrics").text:
             time.sleep(0.01)
         yield http
-        told.set()
+        answer.set()
         assert first.result().content == b"x" * 19_000
     assert http.post("/slow", content=b"x" * 2000).status_code == 200
 
 
-def test_bodies_are_held_within_a_bound(full: httpx.Client):
+def test_a_body_beyond_the_memory_budget_is_refused(full: httpx.Client):
     refused = full.post("/slow", content=b"x" * 2000)
     assert (refused.status_code, refused.headers["retry-after"]) == (503, "1")
     assert refused.headers["content-type"] == "application/problem+json"
 
 
-def test_long_answers_to_questions_are_held_within_a_bound(full: httpx.Client):
-    for answer in (full.get("/long"), full.post("/lcor")):
-        assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
-    assert full.get("/healthz").status_code == 200  # a short answer is not worth a refusal
+def test_a_long_answer_to_a_query_beyond_the_memory_budget_is_refused(full: httpx.Client):
+    for refused in (full.get("/long"), full.post("/lcor")):
+        assert (refused.status_code, refused.headers["retry-after"]) == (503, "1")
+    assert full.get("/healthz").status_code == 200  # a short answer needs no budget
 
 
-def test_a_change_that_is_made_is_told_whatever_is_held(full: httpx.Client):
-    """Told 503, the client would make it again."""
-    assert full.post("/written").status_code == 200
+def test_a_committed_change_is_acknowledged_even_under_memory_pressure(full: httpx.Client):
+    """After a 503 the client would repeat it."""
+    assert full.post("/change").status_code == 200
     assert full.put("/lcor").status_code == 200
 
 
-def test_a_long_answer_is_given_up_to_whoever_is_alone(slow):
+def test_the_only_request_may_exceed_the_memory_budget(slow):
     start, _ = slow
     assert len(start(held_bytes=10_000).get("/long").content) == 200_000
 
 
 @pytest.mark.parametrize(
-    ("method", "path", "received", "again"),
+    ("method", "path", "received", "retry_after"),
     [
         ("POST", "/v1/datasets/a/runs/b/lcor", True, "1"),
         ("GET", "/v1/datasets", True, "1"),
@@ -146,10 +151,10 @@ def test_a_long_answer_is_given_up_to_whoever_is_alone(slow):
         ("POST", "/v1/datasets/a/runs", True, None),
     ],
 )
-def test_what_may_be_made_is_not_asked_again_at_the_end(
-    method: str, path: str, received: bool, again: str | None
+def test_a_request_cut_off_by_shutdown_may_be_retried_only_if_nothing_was_changed(
+    method: str, path: str, received: bool, retry_after: str | None
 ):
-    """A request that is cut off at the end of the grace has Retry-After if nothing was begun."""
+    """Retry-After on a 503 says that nothing was begun, so that even a change may be repeated."""
     sent: list[Any] = []
     begun = asyncio.Event()
 
@@ -175,11 +180,11 @@ def test_what_may_be_made_is_not_asked_again_at_the_end(
 
     asyncio.run(end())
     assert sent[0]["status"] == 503
-    told = dict(sent[0]["headers"]).get(b"retry-after")
-    assert (told and told.decode()) == again
+    found = dict(sent[0]["headers"]).get(b"retry-after")
+    assert (found and found.decode()) == retry_after
 
 
-def test_event_streams_have_places_of_their_own(folder: Path):
+def test_event_streams_have_a_limit_of_their_own(folder: Path):
     with embed(folder, requests=1, event_streams=1) as store:
         http = store.connection.client
         body = {"estimator": {"kind": "vae", "steps": 3000}}
@@ -189,10 +194,11 @@ def test_event_streams_have_places_of_their_own(folder: Path):
             assert http.get("v1/datasets").status_code == 200
             second = http.get(f"v1/jobs/{job}/events")
             assert (second.status_code, second.headers["retry-after"]) == (503, "1")
+            assert second.json()["detail"].startswith("Too many event streams (limit 1)")
             http.post(f"v1/jobs/{job}/cancel")
 
 
-def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
+def test_uploads_are_admitted_before_their_bodies_are_received(tmp_path: Path):
     lease = ServerLease(tmp_path)
     received = Event()
 
@@ -202,20 +208,20 @@ def test_uploads_are_admitted_before_their_bodies_are_kept(tmp_path: Path):
             await asyncio.sleep(0.01)
 
     async def never() -> AsyncIterator[bytes]:
-        raise AssertionError("the body was asked for")
+        raise AssertionError("the body was read")
         yield b""
 
     async def crowd() -> None:
         pool: Any = None
         decoder = Decoder(lease, pool, query_rows=1, upload_rows=1)
-        held = [asyncio.ensure_future(decoder.upload(endless())) for _ in range(18)]
+        admitted = [asyncio.ensure_future(decoder.upload(endless())) for _ in range(18)]
         await asyncio.sleep(0.1)
         with pytest.raises(Problem) as refusal:
             await decoder.upload(never())
         assert (refusal.value.status, refusal.value.headers["Retry-After"]) == (503, "2")
-        for each in held:
+        for each in admitted:
             each.cancel()
-        await asyncio.gather(*held, return_exceptions=True)
+        await asyncio.gather(*admitted, return_exceptions=True)
 
     asyncio.run(crowd())
     assert [path.name for path in lease.folder.iterdir()] == ["lock"]

@@ -19,12 +19,13 @@ from ssil_service.jobs.journal import KEPT, JobRecord, Journal
 from ssil_service.jobs.queue import JobQueue, JobRequest
 from ssil_service.jobs.runner import Runner
 from ssil_service.problems import Problem
-from ssil_service.workers import pool
 from ssil_service.workers.lease import ServerLease
-from ssil_service.workers.pool import Pool, TaskError, Worker
+from ssil_service.workers.pool import Pool
 from ssil_service.workers.tasks import make_run
+from ssil_service.workers.worker import TaskError, Worker
 
 Work = Callable[..., Any]
+POPEN = "ssil_service.workers.worker.subprocess.Popen"
 
 
 class Scripted:
@@ -178,7 +179,8 @@ def test_a_job_whose_automatic_name_was_taken_while_it_waited_starts_under_anoth
 
 
 def test_jobs_of_two_servers_get_different_names(folder: Path, start: Callable[..., JobQueue]):
-    first, second = start(running=0), start(running=0)
+    first = start(running=0)
+    second = start(running=0)
     names = [queue.submit(job_request(folder), None)["run"] for queue in (first, second, first)]
     assert names == ["vae-2", "vae-3", "vae-4"]
     with pytest.raises(sd.ConflictError, match="reserved"):
@@ -253,7 +255,7 @@ def test_a_worker_that_cannot_be_started_fails_its_task_alone(
         raise BlockingIOError(11, "resource temporarily unavailable")
 
     with monkeypatch.context() as patch:
-        patch.setattr(pool.subprocess, "Popen", refuse)
+        patch.setattr(POPEN, refuse)
         with pytest.raises(TaskError) as failed:
             workers.run("decode", {})
     assert failed.value.kind == "StartError"
@@ -351,9 +353,7 @@ def test_what_a_worker_wrote_before_it_was_killed_is_still_read(
     popen = subprocess.Popen
     lines = '{"progress": 1}\n{"phase": "writing"}\n{"progress": 2}\n{"result": 3}\n'
     code = f"import sys, time; sys.stdout.write({lines!r}); sys.stdout.flush(); time.sleep(60)"
-    monkeypatch.setattr(
-        pool.subprocess, "Popen", lambda _, **how: popen([sys.executable, "-c", code], **how)
-    )
+    monkeypatch.setattr(POPEN, lambda _, **how: popen([sys.executable, "-c", code], **how))
     workers = Pool(tmp_path, 2**30, 60)
     messages: list[Any] = []
 
@@ -378,7 +378,7 @@ def test_a_line_that_a_worker_did_not_finish_counts_as_a_crash(
     def torn(command: list[str], **options: Any) -> Any:
         return popen([sys.executable, "-c", code], **options)
 
-    monkeypatch.setattr(pool.subprocess, "Popen", torn)
+    monkeypatch.setattr(POPEN, torn)
     worker = Worker(tmp_path, 2**30)
     with pytest.raises(TaskError) as failed:
         worker.run("decode", {}, seconds=60)

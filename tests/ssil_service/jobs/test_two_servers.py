@@ -1,4 +1,4 @@
-"""Two servers on one store: each makes its own runs, and takes over from the dead alone."""
+"""Two servers on one store: each makes its own runs, and adopts the jobs of dead servers only."""
 
 import time
 from collections.abc import Callable
@@ -33,17 +33,17 @@ def listed(http: httpx.Client) -> list[dict[str, Any]]:
     return [{**job, "progress": None} for job in http.get("v1/jobs").json()["jobs"]]
 
 
-def test_jobs_that_two_servers_are_asked_for_at_once_make_a_run_each(folder: Path):
+def test_jobs_submitted_to_two_servers_at_once_make_a_run_each(folder: Path):
     with embed(folder, jobs=1) as first, embed(folder, jobs=1) as second:
         clients = [first.connection.client, second.connection.client]
 
-        def ask(seed: int) -> dict[str, Any]:
+        def submit(seed: int) -> dict[str, Any]:
             return clients[seed % 2].post(RUNS, json=quick(seed)).json()
 
-        # FastAPI makes a route when it is first asked, and not in two threads of one process
-        jobs = [ask(0), ask(1)]
+        # FastAPI builds a route at its first request, which two threads of a process must not do
+        jobs = [submit(0), submit(1)]
         with ThreadPoolExecutor(6) as pool:
-            jobs += pool.map(ask, range(2, 8))
+            jobs += pool.map(submit, range(2, 8))
         names = {job["run"] for job in jobs}
         assert names == {f"vae-{number}" for number in range(2, 10)}
         # each server shows the other's jobs as they are
@@ -55,7 +55,7 @@ def test_jobs_that_two_servers_are_asked_for_at_once_make_a_run_each(folder: Pat
         assert listed(clients[0]) == listed(clients[1])
 
 
-def test_a_server_that_starts_takes_over_from_the_dead_and_not_from_the_living(
+def test_a_server_that_starts_adopts_the_jobs_of_dead_servers_and_not_of_living_ones(
     folder: Path, serve: Callable[..., Server]
 ):
     dead = serve(folder, "--jobs", "1")

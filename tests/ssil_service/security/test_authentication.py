@@ -9,9 +9,10 @@ from ssil_data.errors import InvalidInputError
 from ssil_service import embed
 from ssil_service.security.authentication import Keys, refuse_open_access
 from ssil_service.settings import Settings
-from ssil_service.workers.pool import Worker
+from ssil_service.workers.worker import Worker
 
-READ_KEY, WRITE_KEY = "reads-and-asks-only", "writes-and-deletes-too"
+READ_KEY = "reads-and-asks-only"
+WRITE_KEY = "writes-and-deletes-too"
 
 
 @pytest.mark.parametrize("header", ["X-API-Key", "Authorization"])

@@ -92,7 +92,8 @@ def test_closing_a_store_under_load_leaves_no_thread_waiting(folder: Path):
     for moment in (0.0, 0.05, 0.2):
         store = embed(folder, jobs=1, computing=1, grace_seconds=1)
         dataset = store["drives"]
-        field, pairs = dataset.field("vae"), dataset.pairs()
+        field = dataset.field("vae")
+        pairs = dataset.pairs()
         found: list[BaseException] = []
 
         def ask(work, found=found) -> None:

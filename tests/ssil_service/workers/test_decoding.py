@@ -10,8 +10,8 @@ import pytest
 from ssil_service.problems import Problem
 from ssil_service.workers.decoding import Decoder
 from ssil_service.workers.lease import ServerLease
-from ssil_service.workers.pool import TaskError
 from ssil_service.workers.tasks import Phase
+from ssil_service.workers.worker import TaskError
 
 
 class Workers:
