@@ -13,28 +13,28 @@ from pydantic.json_schema import models_json_schema
 from starlette.routing import compile_path
 
 from ssil_data.client.wire import ARROW, JSON, PARQUET
+from ssil_service.http.route_kinds import RouteKind
 from ssil_service.problems import PROBLEM, ProblemDetails
-from ssil_service.schemas import requests as schemas
-from ssil_service.schemas import responses as answers
+from ssil_service.schemas import inference, requests, responses
 from ssil_service.settings import Settings
 
 _REFERENCE = "#/components/schemas/{model}"
 _BINARY = {"type": "string", "format": "binary"}
 _MODELS: tuple[type[BaseModel], ...] = (
     ProblemDetails,
-    schemas.StatesBody,
-    schemas.PairsBody,
-    schemas.FitBody,
-    schemas.RescoreBody,
-    answers.LCoRAnswer,
-    answers.SumsAnswer,
-    answers.CoRAnswer,
-    answers.ScoreAnswer,
-    answers.EpisodesPage,
-    answers.PairsPage,
-    answers.LeveragePage,
-    answers.InferenceRequest,
-    answers.InferenceAnswer,
+    requests.StatesBody,
+    requests.PairsBody,
+    requests.FitBody,
+    requests.RescoreBody,
+    responses.LCoRAnswer,
+    responses.SumsAnswer,
+    responses.CoRAnswer,
+    responses.ScoreAnswer,
+    responses.EpisodesPage,
+    responses.PairsPage,
+    responses.LeveragePage,
+    inference.InferenceRequest,
+    inference.InferenceAnswer,
 )
 _ALWAYS = (421, 422, 500, 503)
 """421 without keys, for a foreign Host; 422 at least for parameters that are unknown."""
@@ -94,14 +94,29 @@ def upload_body() -> dict[str, Any]:
     return _body({ARROW: _BINARY, PARQUET: _BINARY})
 
 
-def build_document(app: FastAPI) -> dict[str, Any]:
-    """Return the document of an application, made once."""
+def build_document(app: FastAPI, settings: Settings, *, local_only: bool) -> dict[str, Any]:
+    """Build the OpenAPI document of an application, once.
+
+    Parameters
+    ----------
+    app
+        With all its routes.
+    settings
+        Whose limits the document shows.
+    local_only
+        Whether there are no keys, so that requests of foreign origins are refused.
+
+    Returns
+    -------
+    dict
+        The document; the same object every time.
+    """
     if not app.openapi_schema:
         document = get_openapi(
             title=app.title,
             version=app.version,
             summary=app.summary,
-            description=_description(app.state.settings),
+            description=_description(settings),
             routes=app.routes,
         )
         _, components = models_json_schema(
@@ -110,7 +125,7 @@ def build_document(app: FastAPI) -> dict[str, Any]:
         known = document.setdefault("components", {}).setdefault("schemas", {})
         known |= components["$defs"]
         _forget_null(document)
-        _add_middleware_answers(document, foreign=not app.state.keys)
+        _add_middleware_answers(document, foreign=local_only)
         for unused in ("HTTPValidationError", "ValidationError"):
             known.pop(unused, None)
         app.openapi_schema = document
@@ -143,7 +158,7 @@ def _forget_null(document: dict[str, Any]) -> None:
 def allowed_methods(app: FastAPI, path: str) -> list[str]:
     """Return the methods of all routes of a path."""
     found = {kind for pattern, kinds in _patterns(app) if pattern.match(path) for kind in kinds}
-    follows = path.endswith("/events")
+    follows = RouteKind.of("GET", path).event_stream
     return sorted(found | ({"HEAD"} if "GET" in found and not follows else set()))
 
 
@@ -151,14 +166,14 @@ def allowed_methods(app: FastAPI, path: str) -> list[str]:
 def _patterns(app: FastAPI) -> list[tuple[Any, list[str]]]:
     return [
         (compile_path(path)[0], [method.upper() for method in operations])
-        for path, operations in build_document(app)["paths"].items()
+        for path, operations in app.openapi()["paths"].items()
     ]
 
 
 def _description(settings: Settings) -> str:
     limits = [
         f"- `{name}` {getattr(settings, name):,}"
-        for name in schemas.Limits.model_fields
+        for name in responses.Limits.model_fields
         if hasattr(settings, name)
     ]
     return "\n".join([_EVERYWHERE, "", *limits])

@@ -1,8 +1,9 @@
-"""Large questions wait in a short queue and are refused at once when it is full."""
+"""Bounded queue for expensive work; a full queue answers 503 at once."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -14,43 +15,80 @@ Answer = TypeVar("Answer")
 
 
 class BoundedExecutor:
-    """`computing` threads and `waiting` places before them; of one event loop.
+    """Threads with a bounded queue, for one event loop.
 
-    A question that its client has given up is still computed if it had begun: threads cannot be
-    stopped, and its place is free only when it ends.
+    Work that has begun goes on when its client has disconnected, as threads cannot be stopped; it
+    counts as admitted until it ends.
+
+    Parameters
+    ----------
+    computing
+        Threads.
+    waiting
+        Work that may wait for them.
+
+    Attributes
+    ----------
+    admitted
+        Work in threads or queue now.
+    refused
+        Work refused since the start.
     """
 
     def __init__(self, computing: int, waiting: int) -> None:
         self._threads = ThreadPoolExecutor(computing, thread_name_prefix="compute")
-        self._places = computing + waiting
+        self._limit = computing + waiting
         self._computing = computing
-        self._typical = 0.1
-        self._computed: set[Future[Any]] = set()
+        self._typical_seconds = 0.1
+        self._in_threads: set[Future[Any]] = set()
         self.admitted = 0
         self.refused = 0
 
     async def run(self, work: Callable[[], Answer]) -> Answer:
-        """Compute in a thread; raises a Problem with 503 when the queue is full."""
-        if self.admitted >= self._places:
+        """Do work in a thread.
+
+        Parameters
+        ----------
+        work
+            To be called there.
+
+        Returns
+        -------
+        Answer
+            What `work` returns.
+
+        Raises
+        ------
+        Problem
+            503 if the queue is full, with the seconds after which there may be room.
+        """
+        if self.admitted >= self._limit:
             self.refused += 1
-            ahead = self.admitted / self._computing
+            seconds = self._typical_seconds * self.admitted / self._computing
+            retry = max(1, math.ceil(seconds))
             raise busy(
-                503, "service: expected a free place, found the queue full", ahead * self._typical
+                503, f"Too many large requests (limit {self._limit}); retry after {retry} s", retry
             )
         self.admitted += 1
-        begin = time.monotonic()
+        started_at = time.monotonic()
         computed = self._threads.submit(work)
-        self._computed.add(computed)
-        computed.add_done_callback(self._computed.discard)
+        self._in_threads.add(computed)
+        computed.add_done_callback(self._in_threads.discard)
         future = asyncio.wrap_future(computed)
-        future.add_done_callback(lambda _: self._finish(begin))
+        future.add_done_callback(lambda _: self._finish(started_at))
         return await asyncio.shield(future)
 
-    def _finish(self, begin: float) -> None:
-        self.admitted -= 1
-        self._typical += 0.1 * (time.monotonic() - begin - self._typical)
-
     def close(self, seconds: float) -> None:
-        """Wait for what is being computed, so many seconds; what has not begun is given up."""
+        """Wait for what is in the threads; what still waits for them is dropped.
+
+        Parameters
+        ----------
+        seconds
+            How long to wait at most.
+        """
         self._threads.shutdown(wait=False, cancel_futures=True)
-        wait(list(self._computed), timeout=seconds)
+        wait(list(self._in_threads), timeout=seconds)
+
+    def _finish(self, started_at: float) -> None:
+        self.admitted -= 1
+        self._typical_seconds += 0.1 * (time.monotonic() - started_at - self._typical_seconds)

@@ -1,13 +1,15 @@
-"""Small questions to one field that are asked in one round of the loop are answered together.
+"""Small LCoR queries to one field that arrive in one round of the event loop are computed together.
 
-A question alone reads all demonstrations for itself; many together read them once. The bits of
-code written for the processor do not depend on what is asked with a state; torch's may.
+A query alone reads all demonstrations for itself; many together read them once. With the kernel
+compiled for this processor, an answer's bits do not depend on the other queries of its batch; with
+torch's kernels they may, so there queries are computed one by one.
 """
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,66 +21,89 @@ from ssil_data.kernels.references import HOST, MIN_COMPILED_ALPHA
 
 @dataclass(eq=False)
 class _Batch:
-    """Questions that are not asked yet, and who waits for them."""
+    """Queries that are not computed yet, and the futures of their answers."""
 
-    asked: LeverageField
+    field: LeverageField
     rows: int = 0
-    states: list[NDArray[np.float32]] = field(default_factory=list)
-    waiting: list[asyncio.Future[LCoR]] = field(default_factory=list)
+    states: list[NDArray[np.float32]] = dataclass_field(default_factory=list)
+    futures: list[asyncio.Future[LCoR]] = dataclass_field(default_factory=list)
 
 
 class Batching:
-    """Exact LCoR of small questions; of one loop.
+    """Exact LCoR of small queries, for one event loop.
 
-    `most` is the number of pairs of a query and a demonstration state that are computed without
-    leaving the loop to others.
+    Parameters
+    ----------
+    most
+        Pairs of a query and a demonstration state that are computed at one go, during which the
+        loop does nothing else.
     """
 
     def __init__(self, most: int) -> None:
         self.most = most
         self._open: dict[int, _Batch] = {}
 
-    async def lcor(self, asked: LeverageField, states: NDArray[np.float32]) -> LCoR:
-        """Return LCoR of states (m, d) in raw units, of the field's width and finite.
+    async def lcor(self, field: LeverageField, states: NDArray[np.float32]) -> LCoR:
+        """Compute LCoR together with other queries of this round of the loop.
 
-        What the engine raises, it raises for all that are asked together.
+        Parameters
+        ----------
+        field
+            The field to query.
+        states
+            (m, d) in raw units, of the field's width and finite.
+
+        Returns
+        -------
+        LCoR
+            With the bits of `field.lcor(states)`.
+
+        Raises
+        ------
+        Exception
+            What the computation raises, it raises for all queries of the batch.
         """
-        if HOST is None or asked.alpha < MIN_COMPILED_ALPHA:
-            return asked.lcor(states)
+        if HOST is None or field.alpha < MIN_COMPILED_ALPHA:
+            return field.lcor(states)
         loop = asyncio.get_running_loop()
-        batch = self._open.get(id(asked))
-        if batch is None or (batch.rows + len(states)) * len(asked.states) > self.most:
-            batch = self._open[id(asked)] = _Batch(asked)
-            loop.call_soon(self._ask, batch)
+        batch = self._open.get(id(field))
+        if batch is None or (batch.rows + len(states)) * len(field.states) > self.most:
+            batch = _Batch(field)
+            self._open[id(field)] = batch
+            loop.call_soon(self._compute, batch)
         batch.rows += len(states)
         batch.states.append(states)
-        batch.waiting.append(loop.create_future())
-        return await batch.waiting[-1]
+        batch.futures.append(loop.create_future())
+        return await batch.futures[-1]
 
-    def _ask(self, batch: _Batch) -> None:
-        if self._open.get(id(batch.asked)) is batch:
-            del self._open[id(batch.asked)]
-        some = [
+    def _compute(self, batch: _Batch) -> None:
+        """Compute a batch, without the queries whose clients have disconnected."""
+        if self._open.get(id(batch.field)) is batch:
+            del self._open[id(batch.field)]
+        queries = [
             (states, future)
-            for states, future in zip(batch.states, batch.waiting, strict=True)
-            if not future.done()  # nobody computes for those who have gone
+            for states, future in zip(batch.states, batch.futures, strict=True)
+            if not future.done()
         ]
-        if not some:
+        if not queries:
             return
         try:
-            answer = batch.asked.lcor(np.concatenate([states for states, _ in some]))
+            answer = batch.field.lcor(np.concatenate([states for states, _ in queries]))
         except Exception as error:
-            for _, future in some:
+            for _, future in queries:
                 future.set_exception(error)
             return
         first = 0
-        for states, future in some:
-            future.set_result(_part(answer, slice(first, first + len(states))))
+        for states, future in queries:
+            future.set_result(_take_rows(answer, slice(first, first + len(states))))
             first += len(states)
 
 
-def _part(answer: LCoR, rows: slice) -> LCoR:
-    """Return the answers to some states."""
-    of_rows = Contributors(answer.contributors.row[rows], answer.contributors.share[rows])
-    names = ("values", "effective_sample_size", "half_width")
-    return LCoR(*(getattr(answer, name)[rows] for name in names), contributors=of_rows)
+def _take_rows(answer: LCoR, rows: slice) -> LCoR:
+    contributors = Contributors(answer.contributors.row[rows], answer.contributors.share[rows])
+    return LCoR(
+        answer.values[rows],
+        answer.effective_sample_size[rows],
+        answer.half_width[rows],
+        contributors=contributors,
+    )

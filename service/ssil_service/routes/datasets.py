@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pyarrow as pa
@@ -12,22 +12,40 @@ from pydantic_core import to_json
 from starlette.responses import Response
 
 from ssil_data.client.wire import JSON, pairs_table, rows_of_matrix
-from ssil_data.errors import NotFoundError, SsilDataError
+from ssil_data.errors import SsilDataError
+from ssil_data.store.episodes import check_episode
+from ssil_data.store.summary import summarize
 from ssil_service.context import context
-from ssil_service.formats.responses import negotiate
 from ssil_service.http.openapi import bulk, problems
-from ssil_service.queries.catalog import Snapshot
+from ssil_service.queries.snapshot import Snapshot
+from ssil_service.routes.accept import negotiate
 from ssil_service.routes.pages import not_modified, page_response, page_rows, tag_of
-from ssil_service.routes.parameters import DatasetName, Episode, Limit, Offset, Version
-from ssil_service.schemas.requests import Datasets, DatasetSummary, Versions
-from ssil_service.schemas.responses import EpisodesPage, PairsPage
+from ssil_service.routes.parameters import (
+    NO_PARAMETERS,
+    DatasetName,
+    PageParameters,
+    PairsParameters,
+    VersionParameters,
+)
+from ssil_service.schemas.responses import (
+    Datasets,
+    DatasetSummary,
+    EpisodesPage,
+    PairsPage,
+    Versions,
+)
 
 router = APIRouter(prefix="/v1", tags=["datasets"])
 
 _PROBLEMS = problems(404, 406, 422, tagged=True)
 
 
-@router.get("/datasets", response_model=Datasets, responses=problems(406, tagged=True))
+@router.get(
+    "/datasets",
+    response_model=Datasets,
+    responses=problems(406, tagged=True),
+    dependencies=[NO_PARAMETERS],
+)
 async def datasets(request: Request) -> Response:
     """List the newest version of every dataset."""
     negotiate(request, (JSON,))
@@ -43,15 +61,22 @@ async def datasets(request: Request) -> Response:
 
 
 @router.get("/datasets/{dataset}", response_model=DatasetSummary, responses=_PROBLEMS)
-async def dataset(request: Request, dataset: DatasetName, version: Version = None) -> Response:
+async def dataset(
+    request: Request, dataset: DatasetName, parameters: Annotated[VersionParameters, Query()]
+) -> Response:
     """Show a dataset's newest version, or another."""
     negotiate(request, (JSON,))
-    found = summary(await context(request).catalog.snapshot(dataset, version))
+    found = summary(await context(request).catalog.snapshot(dataset, parameters.version))
     tag = tag_of(found)
     return not_modified(request, tag) or _json(found, tag)
 
 
-@router.get("/datasets/{dataset}/versions", response_model=Versions, responses=_PROBLEMS)
+@router.get(
+    "/datasets/{dataset}/versions",
+    response_model=Versions,
+    responses=_PROBLEMS,
+    dependencies=[NO_PARAMETERS],
+)
 async def versions(request: Request, dataset: DatasetName) -> Response:
     """List the fingerprints of a dataset's versions, the newest last."""
     negotiate(request, (JSON,))
@@ -66,6 +91,7 @@ async def versions(request: Request, dataset: DatasetName) -> Response:
     "/datasets/{dataset}/card",
     response_class=Response,
     responses={**_PROBLEMS, 200: {"content": {"text/markdown": {"schema": {"type": "string"}}}}},
+    dependencies=[NO_PARAMETERS],
 )
 async def card(request: Request, dataset: DatasetName) -> Response:
     """Read a dataset's card, Markdown."""
@@ -82,21 +108,17 @@ async def card(request: Request, dataset: DatasetName) -> Response:
     responses={**_PROBLEMS, 200: bulk(EpisodesPage, paged=True)},
 )
 async def episodes(
-    request: Request,
-    dataset: DatasetName,
-    version: Version = None,
-    offset: Offset = 0,
-    limit: Limit = None,
+    request: Request, dataset: DatasetName, parameters: Annotated[PageParameters, Query()]
 ) -> Response:
     """Read the episodes: number, length, labeled, source, score, tier, ending."""
     media = negotiate(request)
-    snapshot = await context(request).catalog.snapshot(dataset, version)
-    tag = tag_of(dataset, snapshot.version, media, offset, limit)
+    snapshot = await context(request).catalog.snapshot(dataset, parameters.version)
+    tag = tag_of(dataset, snapshot.version, media, parameters.offset, parameters.limit)
     known = not_modified(request, tag)
     if known is not None:
         return known
     table = snapshot.dataset.episodes
-    rows = page_rows(request, media, len(table), offset, limit, table.num_columns)
+    rows = page_rows(request, media, len(table), parameters, width=table.num_columns)
     part = table.slice(rows.start, rows.stop - rows.start)
     return await page_response(
         request, media, part, rows, len(table), tag, version=snapshot.version
@@ -108,31 +130,28 @@ async def episodes(
     responses={**_PROBLEMS, 200: bulk(PairsPage, paged=True)},
 )
 async def pairs(
-    request: Request,
-    dataset: DatasetName,
-    version: Version = None,
-    episode: Episode = None,
-    labeled: Annotated[bool, Query(description="Labeled pairs only.")] = False,
-    recorded: Annotated[
-        Literal["reward", "position"] | None,
-        Query(description="Instead of states and actions, what was recorded for evaluation."),
-    ] = None,
-    offset: Offset = 0,
-    limit: Limit = None,
+    request: Request, dataset: DatasetName, parameters: Annotated[PairsParameters, Query()]
 ) -> Response:
     """Read the pairs in order: episode, step, state, action."""
     media = negotiate(request)
     here = context(request)
-    snapshot = await here.catalog.snapshot(dataset, version)
-    chosen = _choose_rows(snapshot, episode, labeled)
-    choice = (episode, labeled, recorded, offset, limit)
+    snapshot = await here.catalog.snapshot(dataset, parameters.version)
+    chosen = _choose_rows(snapshot, parameters.episode, parameters.labeled)
+    choice = (
+        parameters.episode,
+        parameters.labeled,
+        parameters.recorded,
+        parameters.offset,
+        parameters.limit,
+    )
     tag = tag_of("pairs", dataset, snapshot.version, media, choice)
     known = not_modified(request, tag)
     if known is not None:
         return known
     whole = await here.catalog.pairs(snapshot)
-    rows = page_rows(request, media, len(chosen), offset, limit, sum(snapshot.widths))
+    rows = page_rows(request, media, len(chosen), parameters, width=sum(snapshot.widths))
     taken = chosen[rows]
+    recorded = parameters.recorded
     if recorded is None:
         part = pairs_table(_take_rows(whole, taken))
     else:
@@ -146,26 +165,7 @@ async def pairs(
 
 def summary(snapshot: Snapshot) -> dict[str, Any]:
     """Describe one version of a dataset."""
-    dataset = snapshot.dataset
-    return {
-        "dataset": snapshot.name,
-        "version": snapshot.version,
-        "pairs": len(dataset),
-        "episodes": len(dataset.episodes),
-        "labeled": int(dataset.per_pair("labeled").sum()),
-        "state_names": dataset.state_names,
-        "action_names": dataset.action_names,
-        "runs": sorted(snapshot.runs),
-    }
-
-
-def refuse_unknown_episode(snapshot: Snapshot, episode: int) -> None:
-    """Raise NotFoundError for an episode that the dataset has not."""
-    table = snapshot.dataset.episodes
-    if episode not in table["episode"].to_numpy():
-        raise NotFoundError(
-            f"episode of {snapshot.name}: expected 0 to {len(table) - 1}, found {episode}"
-        )
+    return dict(summarize(snapshot.dataset, snapshot.runs))
 
 
 def _json(value: Any, tag: str) -> Response:
@@ -177,7 +177,7 @@ def _choose_rows(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
     table = snapshot.dataset.episodes
     keep = np.ones(len(table), bool)
     if episode is not None:
-        refuse_unknown_episode(snapshot, episode)
+        check_episode(snapshot.name, table, episode)
         keep &= table["episode"].to_numpy() == episode
     if labeled:
         keep &= table["labeled"].to_numpy()

@@ -13,11 +13,11 @@ from ssil_service.http.openapi import problems
 from ssil_service.metrics import CONTENT_TYPE
 from ssil_service.problems import busy
 from ssil_service.routes.bodies import RUN_BYTES
-from ssil_service.routes.parameters import MOST_CONTRIBUTORS, MOST_SECONDS
-from ssil_service.schemas.requests import Health, Limits
+from ssil_service.routes.parameters import MOST_CONTRIBUTORS, MOST_SECONDS, NO_PARAMETERS
+from ssil_service.schemas.responses import Health, Limits
 
-open_router = APIRouter(tags=["operation"])
-router = APIRouter(tags=["operation"])
+open_router = APIRouter(tags=["operation"], dependencies=[NO_PARAMETERS])
+router = APIRouter(tags=["operation"], dependencies=[NO_PARAMETERS])
 
 
 @open_router.get("/healthz", response_model=Health, responses=problems())

@@ -17,15 +17,17 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_data.demonstrations import Pairs
-from ssil_service.context import Context, context
+from ssil_service.context import COR_COST, SCORE_COST, Context, context
 from ssil_service.formats import inference_tensors as tensors
 from ssil_service.formats.arrays import check_float32
+from ssil_service.formats.query_bodies import number_steps
 from ssil_service.http.openapi import json_body, problems
 from ssil_service.problems import Problem
 from ssil_service.queries.model_names import Model, find_model
-from ssil_service.routes.bodies import media_type, number_steps, run_off_loop
+from ssil_service.routes.bodies import media_type
 from ssil_service.routes.health import refuse_unready
-from ssil_service.schemas.responses import (
+from ssil_service.routes.parameters import NO_PARAMETERS
+from ssil_service.schemas.inference import (
     InferenceAnswer,
     InferenceRequest,
     ModelMetadata,
@@ -33,8 +35,8 @@ from ssil_service.schemas.responses import (
     ServerMetadata,
 )
 
-open_router = APIRouter(prefix="/v2", tags=["inference"])
-router = APIRouter(prefix="/v2", tags=["inference"])
+open_router = APIRouter(prefix="/v2", tags=["inference"], dependencies=[NO_PARAMETERS])
+router = APIRouter(prefix="/v2", tags=["inference"], dependencies=[NO_PARAMETERS])
 
 ModelName = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,209}$")]
 ModelVersion = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$")]
@@ -135,20 +137,20 @@ async def infer(
     here = context(request)
     found = await find_model(here.catalog, model, version)
     body, most = await request.body(), here.settings.json_bytes
-    asked, inputs = await run_off_loop(
-        len(body), lambda: tensors.read(body, length, most_json=most), here.json_executor
+    query, inputs = await here.convert(
+        len(body), lambda: tensors.read(body, length, most_json=most), JSON
     )
-    unknown = {output.name for output in asked.outputs} - set(_OUTPUTS[found.kind])
+    unknown = {output.name for output in query.outputs} - set(_OUTPUTS[found.kind])
     if unknown:
         raise Problem(
             422, f"outputs: expected some of {sorted(_OUTPUTS[found.kind])}, found others"
         )
     outputs = await _outputs(here, found, inputs)
     here.metrics.record_rows("infer", len(next(iter(outputs.values()))))
-    about = {"model_name": model, "model_version": found.version, "id": asked.id}
+    about = {"model_name": model, "model_version": found.version, "id": query.id}
     size = sum(values.nbytes for values in outputs.values())
-    answer, header = await run_off_loop(
-        size, lambda: tensors.write(asked, about, outputs), here.json_executor
+    answer, header = await here.convert(
+        size, lambda: tensors.write(query, about, outputs), JSON
     )
     if header is None:
         return Response(answer, media_type=JSON)
@@ -170,7 +172,7 @@ async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -
         return await _score(here, model, inputs, states)
     field = await here.catalog.field(model.snapshot, model.run, None)
     if model.kind == "cor":
-        return {"values": await here.compute(100 * len(states), lambda: field.cor(states))}
+        return {"values": await here.compute(COR_COST * len(states), lambda: field.cor(states))}
     size = len(states) * len(field.states)
     answer = await here.compute(size, lambda: field.lcor(states))
     return {"values": answer.values, "effective_sample_size": answer.effective_sample_size}
@@ -185,7 +187,7 @@ async def _score(
         raise Problem(422, "episode: expected INT64 of one dimension, found another tensor")
     pairs = Pairs(states, actions, episode, number_steps(episode))
     estimator = await here.catalog.model(model.snapshot, model.run)
-    scored = await here.compute(4096 * len(pairs), lambda: estimator(pairs))
+    scored = await here.compute(SCORE_COST * len(pairs), lambda: estimator(pairs))
     return {"uncertainty": scored.uncertainty, "leverage": scored.leverage}
 
 

@@ -12,14 +12,15 @@ from starlette.responses import Response, StreamingResponse
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import Context, context
-from ssil_service.formats.responses import negotiate
 from ssil_service.http.openapi import events as events_of
 from ssil_service.http.openapi import problems
 from ssil_service.jobs.journal import ENDED
-from ssil_service.schemas.requests import Job, Jobs
+from ssil_service.routes.accept import negotiate
+from ssil_service.routes.parameters import NO_PARAMETERS
+from ssil_service.schemas.responses import Job, Jobs
 
-router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
-writing = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NO_PARAMETERS])
+writing = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NO_PARAMETERS])
 
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="A job.")]
 _LOOK, _SIGN_OF_LIFE = 0.1, 100

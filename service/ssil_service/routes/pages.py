@@ -11,21 +11,21 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import JSON
 from ssil_service.context import context
-from ssil_service.formats.responses import table_response
 from ssil_service.problems import Problem
-from ssil_service.routes.bodies import run_off_loop
+from ssil_service.routes.accept import table_response
+from ssil_service.routes.parameters import PageParameters
 
 _CELLS = {JSON: 2**17}
 _CELLS_OF_OTHERS = 2**24
 
 
 def page_rows(
-    request: Request, media: str, total: int, offset: int, limit: int | None, width: int
+    request: Request, media: str, total: int, parameters: PageParameters, *, width: int
 ) -> slice:
-    """Return the rows of a page: no more than asked for, than may be, than a body should hold."""
+    """Return the rows of a page: no more than requested, than may be, than a body should hold."""
     most = context(request).settings.page_rows
-    rows = min(limit or most, most, most_rows(media, width))
-    start = min(offset, total)
+    rows = min(parameters.limit or most, most, most_rows(media, width))
+    start = min(parameters.offset, total)
     return slice(start, min(start + rows, total))
 
 
@@ -43,10 +43,7 @@ async def page_response(
         following = request.url.include_query_params(offset=rows.stop)
         headers["Link"] = f'<{following.path}?{following.query}>; rel="next"'
     about = {**about, "offset": rows.start, "total": total}
-    place = context(request).executor_for(media)
-    return await run_off_loop(
-        table.nbytes, lambda: table_response(table, media, about=about, headers=headers), place
-    )
+    return await table_response(request, table, media, about=about, headers=headers)
 
 
 def tag_of(*parts: object) -> str:

@@ -1,4 +1,4 @@
-"""Bodies of a known form give the numbers that reading them whole gives, and no others."""
+"""Bodies like an earlier one give the numbers that Arrow finds in them, and no others."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from ssil_data.client.wire import ARROW, encode, states_table
-from ssil_service.formats.arrow_template import ArrowTemplates
+from ssil_service.formats.arrow_template import MOST_TEMPLATES, ArrowTemplates
 
 COR = "v1/datasets/drives/runs/vae/cor"
 
@@ -24,48 +24,52 @@ def numbers_in(body: bytes) -> np.ndarray:
     return column.flatten().to_numpy().reshape(len(column), -1)
 
 
-def test_a_body_of_a_known_form_has_the_numbers_that_arrow_finds(states: np.ndarray):
-    forms = ArrowTemplates()
-    first, second = body_of(states), body_of(states[::-1])
-    assert forms.numbers(first, 3) is None
-    forms.learn(first, numbers_in(first), 3)
+def test_a_body_like_an_earlier_one_has_the_numbers_that_arrow_finds(states: np.ndarray):
+    templates = ArrowTemplates()
+    first = body_of(states)
+    second = body_of(states[::-1])
+    assert templates.numbers(first, 3) is None
+    templates.add(first, numbers_in(first), 3)
     for body in (first, second):
-        found = forms.numbers(body, 3)
+        found = templates.numbers(body, 3)
         assert found is not None and found.dtype == np.float32
         assert not found.flags.writeable
         np.testing.assert_array_equal(found, numbers_in(body))
-    assert forms.numbers(second, 4) is None  # asked under other conditions
-    assert forms.numbers(body_of(states[:5]), 3) is None
+    assert templates.numbers(second, 4) is None  # under other conditions
+    assert templates.numbers(body_of(states[:5]), 3) is None
 
 
-def test_any_byte_beside_the_numbers_makes_another_form(states: np.ndarray):
-    forms, body = ArrowTemplates(), body_of(states)
-    forms.learn(body, numbers_in(body))
+def test_any_other_byte_around_the_numbers_needs_another_template(states: np.ndarray):
+    templates = ArrowTemplates()
+    body = body_of(states)
+    templates.add(body, numbers_in(body))
     first = body.index(states.tobytes())
     among = range(first, first + states.nbytes)
     for place in range(len(body)):
         other = body[:place] + bytes([body[place] ^ 1]) + body[place + 1 :]
-        assert (forms.numbers(other) is not None) == (place in among)
+        assert (templates.numbers(other) is not None) == (place in among)
 
 
-def test_numbers_that_were_copied_teach_nothing(states: np.ndarray):
-    forms, body = ArrowTemplates(), body_of(states)
-    forms.learn(body, numbers_in(body).copy())
-    assert forms.numbers(body) is None
+def test_copied_numbers_and_empty_bodies_make_no_template(states: np.ndarray):
+    templates = ArrowTemplates()
+    body = body_of(states)
+    templates.add(body, numbers_in(body).copy())
+    assert templates.numbers(body) is None
     empty = body_of(states[:0])
-    forms.learn(empty, np.frombuffer(empty, np.float32, 0).reshape(0, 3))
-    assert forms.numbers(empty) is None
+    templates.add(empty, np.frombuffer(empty, np.float32, 0).reshape(0, 3))
+    assert templates.numbers(empty) is None
 
 
-def test_so_many_forms_are_remembered_and_only_short_ones(states: np.ndarray):
-    forms, body = ArrowTemplates(), body_of(states)
+def test_templates_are_bounded_in_number_and_length(states: np.ndarray):
+    templates = ArrowTemplates()
+    body = body_of(states)
     noted = states_table(states).append_column("note", [["x" * 300] * len(states)])
     long = encode(noted).to_pybytes()
-    forms.learn(long, numbers_in(long))
-    assert not forms._known
+    templates.add(long, numbers_in(long))
+    assert len(templates) == 0
     for condition in range(1000):
-        forms.learn(body, numbers_in(body), condition)
-        assert len(forms._known) <= 256
+        templates.add(body, numbers_in(body), condition)
+        assert 0 < len(templates) <= MOST_TEMPLATES
 
 
 def _nan(states: np.ndarray) -> bytes:
@@ -77,7 +81,7 @@ def _narrow(states: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize("spoil", [_nan, _narrow, lambda states: body_of(states)[:-30]])
-def test_bad_bodies_are_refused_though_the_form_is_known(
+def test_bad_bodies_are_refused_after_good_ones_of_the_same_shape(
     spoil: Callable[[np.ndarray], bytes], asked: httpx.Client, states: np.ndarray
 ):
     headers = {"Content-Type": ARROW}

@@ -1,9 +1,10 @@
-"""JSON that is long: one place reads and writes it, as nothing else runs meanwhile."""
+"""Long JSON: one thread reads and writes it, and the garbage collector has nothing to do."""
 
 import asyncio
 import gc
+import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from threading import Lock
 from typing import Any
 
@@ -14,18 +15,27 @@ import pytest
 from ssil_data.client.wire import ARROW, JSON
 from ssil_service import embed
 from ssil_service.formats import inference_tensors as tensors
+from ssil_service.formats.query_bodies import read_states
 from ssil_service.problems import Problem
+from ssil_service.context import Context
 from ssil_service.queries.admission import BoundedExecutor
-from ssil_service.routes import bodies as intake
-from ssil_service.routes.bodies import run_off_loop
+from ssil_service.settings import Settings
 from ssil_service.routes.pages import most_rows
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
 INFER = "v2/models/drives.vae.lcor/infer"
 
 
+def context_with(json_executor: BoundedExecutor) -> Context:
+    """Return a context of which nothing but the executor for JSON is used."""
+    other: Any = None
+    return Context(Settings(), other, other, other, other, json_executor, other, other)
+
+
 def test_long_json_is_read_and_written_one_at_a_time():
-    busy, most, guard = 0, 0, Lock()
+    busy = 0
+    most = 0
+    guard = Lock()
 
     def work() -> None:
         nonlocal busy, most
@@ -37,10 +47,10 @@ def test_long_json_is_read_and_written_one_at_a_time():
             busy -= 1
 
     async def crowd() -> list[Any]:
-        place = BoundedExecutor(1, 3)
-        asked = [run_off_loop(2**20, work, place) for _ in range(6)]
-        found = await asyncio.gather(*asked, return_exceptions=True)
-        place.close(1)
+        here = context_with(BoundedExecutor(1, 3))
+        conversions = [here.convert(2**20, work, JSON) for _ in range(6)]
+        found = await asyncio.gather(*conversions, return_exceptions=True)
+        here.json_executor.close(1)
         return found
 
     found = asyncio.run(crowd())
@@ -48,25 +58,68 @@ def test_long_json_is_read_and_written_one_at_a_time():
     assert [type(each) for each in found] == [type(None)] * 4 + [Problem] * 2
 
 
-def test_nothing_is_collected_while_long_json_is_read():
-    async def ask(work: Any) -> Any:
-        place = BoundedExecutor(1, 0)
-        try:
-            return await run_off_loop(2**20, work, place)
-        finally:
-            place.close(1)
+ROWS = 500_000
+LONG = {
+    "rows": b'{"states":[%s]}' % b",".join([b"[1,2,3]"] * ROWS),
+    "empty rows": b'{"states":[%s]}' % b",".join([b"[]"] * ROWS),
+    "rows in rows": b'{"states":[%s]}' % b",".join([b"[[],[],[]]"] * ROWS),
+    "objects": b'{"states":[[%s]]}' % b",".join([b"{}"] * ROWS),
+}
+LISTS_OF_TENSORS = b'{"inputs":[{"name":"states","shape":[%d,3],"datatype":"FP32","data":[%s]}]}'
 
-    assert asyncio.run(ask(gc.isenabled)) is False
+
+def full_collections(work: Callable[[], Any]) -> int:
+    """Count how often the garbage collector goes through all objects during some work."""
+    found: list[int] = []
+
+    def note(phase: str, info: dict[str, int]) -> None:
+        if phase == "start" and info["generation"] == 2:
+            found.append(1)
+
+    gc.collect()
+    gc.callbacks.append(note)
+    try:
+        work()
+    finally:
+        gc.callbacks.remove(note)
+    return len(found)
+
+
+def test_the_garbage_collector_has_work_with_lists():
     assert gc.isenabled()
-    with pytest.raises(ZeroDivisionError):
-        asyncio.run(ask(lambda: 1 / 0))
-    assert gc.isenabled()
+    assert full_collections(lambda: json.loads(LONG["rows"])) > 1
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_long_json_makes_no_work_for_the_garbage_collector(name: str):
+    def read() -> None:
+        try:
+            states = read_states(LONG[name], JSON, width=3, most_rows=ROWS)
+            assert states.shape == (ROWS, 3)
+        except Problem as problem:
+            assert name != "rows" and problem.status == 422
+
+    assert full_collections(read) <= 1
+
+
+@pytest.mark.parametrize("row", [b"[1,2,3]", b"[[],{},[]]"])
+def test_long_tensors_make_no_work_for_the_garbage_collector(row: bytes):
+    body = LISTS_OF_TENSORS % (300_000, b",".join([row] * 300_000))
+
+    def read() -> None:
+        try:
+            _, inputs = tensors.read(body, None, most_json=len(body))
+            assert inputs["states"].shape == (300_000, 3)
+        except Problem as problem:
+            assert row != b"[1,2,3]" and problem.status == 422
+
+    assert full_collections(read) <= 1
 
 
 @pytest.fixture
 def crowded(scored: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
-    """Start a service whose place for long JSON is taken, and to which everything is long."""
-    monkeypatch.setattr(intake, "_INLINE", 0)
+    """Start a service whose queue for long JSON is full, and to which all JSON is long."""
+    monkeypatch.setattr("ssil_service.context.INLINE_BYTES", 0)
     with embed(scored, jobs=1) as store:
         http = store.connection.client
         transport: Any = http._transport
@@ -74,7 +127,7 @@ def crowded(scored: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Clie
         yield http
 
 
-def test_long_json_is_refused_where_too_much_waits(crowded: httpx.Client):
+def test_long_json_is_refused_when_the_queue_is_full(crowded: httpx.Client):
     body = {"states": [[1.0, 2.0, 3.0]]}
     tensor = {"name": "states", "datatype": "FP32", "shape": [1, 3], "data": [1, 2, 3]}
     for answer in (
@@ -100,8 +153,8 @@ def test_an_inference_keeps_nothing_of_its_body_but_its_tensors():
     body = b"""{"id": "mine", "parameters": {"binary_data_output": true, "more": [[], []]},
         "inputs": [{"name": "states", "datatype": "FP32", "shape": [1, 2], "data": [1, 2]}],
         "outputs": [{"name": "values", "parameters": {"binary_data": true, "more": [[]]}}]}"""
-    asked, inputs = tensors.read(body, None, most_json=1000)
+    query, inputs = tensors.read(body, None, most_json=1000)
     assert np.array_equal(inputs["states"], [[1, 2]])
-    assert (asked.id, asked.inputs) == ("mine", [])
-    assert asked.parameters == {"binary_data_output": True}
-    assert [output.parameters for output in asked.outputs] == [{"binary_data": True}]
+    assert (query.id, query.inputs) == ("mine", [])
+    assert query.parameters == {"binary_data_output": True}
+    assert [output.parameters for output in query.outputs] == [{"binary_data": True}]

@@ -13,7 +13,8 @@ from numpy.testing import assert_array_equal
 import ssil_data as sd
 from ssil_data.store.dataset import Dataset
 from ssil_service import embed
-from ssil_service.queries.catalog import Catalog, Snapshot
+from ssil_service.queries.catalog import Catalog
+from ssil_service.queries.snapshot import Snapshot
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 
 
