@@ -16,7 +16,7 @@ from ssil_trainers.algorithms.methods import Demonstrations
 STEPS = 20
 
 
-class Line(VectorEnv[Any, Any, Any]):
+class LineEnv(VectorEnv[Any, Any, Any]):
     """State: where the point and its goal are. The action, in [-2, 2], moves it by a tenth."""
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -60,7 +60,7 @@ def lost(states: np.ndarray) -> np.ndarray:
 
 def mean_return(drive: Any, count: int = 200) -> float:
     """The mean return of a driver from states (n, 2) to actions (n, 1)."""
-    env, total = Line(count), 0.0
+    env, total = LineEnv(count), 0.0
     states, _ = env.reset(seed=7)
     for _ in range(STEPS):
         states, reward, *_ = env.step(drive(states))
@@ -70,7 +70,7 @@ def mean_return(drive: Any, count: int = 200) -> float:
 
 def demonstrations() -> Demonstrations:
     """300 labeled pairs; unlabeled ones, 1,000 by the expert and 200 by one who is lost."""
-    drives = [_driven(expert, 15, 0), _driven(expert, 50, 1), _driven(lost, 10, 2)]
+    drives = [_record(expert, 15, 0), _record(expert, 50, 1), _record(lost, 10, 2)]
     states, actions = (np.concatenate(part) for part in zip(*drives, strict=True))
     row = np.arange(len(states))
     leverage = np.where(row < 1300, 0.9, 0.1).astype(np.float32)
@@ -78,8 +78,8 @@ def demonstrations() -> Demonstrations:
     return Demonstrations(states, actions, row < 300, leverage, field)
 
 
-def _driven(drive: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    env, states, actions = Line(count), [], []
+def _record(drive: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    env, states, actions = LineEnv(count), [], []
     state, _ = env.reset(seed=seed)
     noise = np.random.default_rng(seed)
     for _ in range(STEPS):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssil_trainers.algorithms.advantage import advantages
+from ssil_trainers.algorithms.advantage import compute_advantages
 
 
 def summed(rewards, values, next_values, terminated, ended, discount, gae_lambda):
@@ -31,7 +31,7 @@ def test_gae_is_its_defining_sum(steps: int, seed: int, discount: float, gae_lam
     rewards, values, next_values = rng.normal(size=(3, steps, 2, 3))
     terminated = rng.random((steps, 3)) < 0.2
     ended = terminated | (rng.random((steps, 3)) < 0.2)
-    found = advantages(
+    found = compute_advantages(
         rewards,
         values,
         next_values,
@@ -58,7 +58,7 @@ def test_gae_is_its_defining_sum(steps: int, seed: int, discount: float, gae_lam
 def test_a_time_limit_is_worth_the_next_state_and_a_real_end_nothing(
     terminated: bool, worth: float
 ) -> None:
-    found = advantages(
+    found = compute_advantages(
         np.array([1.0, 100.0]),
         np.array([2.0, 0.0]),
         np.array([10.0, 0.0]),
@@ -73,7 +73,7 @@ def test_a_time_limit_is_worth_the_next_state_and_a_real_end_nothing(
 def test_lambda_zero_is_the_one_step_form() -> None:
     rewards, values, next_values = np.random.default_rng(0).normal(size=(3, 9))
     never = np.zeros(9, bool)
-    found = advantages(
+    found = compute_advantages(
         rewards, values, next_values, terminated=never, ended=never, discount=0.9, gae_lambda=0.0
     )
     np.testing.assert_allclose(found, rewards + 0.9 * next_values - values)

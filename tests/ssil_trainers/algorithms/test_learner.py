@@ -1,4 +1,4 @@
-"""The loop: every method solves the toy, what ignores its input does not, η follows its rule."""
+"""The learner: every method solves the toy environment, and η follows its rule."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import torch
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.learner import Learner, decay_eta
 from ssil_trainers.algorithms.methods import METHODS
-from ssil_trainers.algorithms.rollout import Driver, Rollout
-from ssil_trainers.algorithms.trpo import Step, TrustRegion
-from ssil_trainers.training.run import TrainJob, TrainResult, train
-from support.toy_environment import STEPS, Line, demonstrations, expert, mean_return
+from ssil_trainers.algorithms.rollout import Rollout, RolloutCollector
+from ssil_trainers.algorithms.trpo import PolicyStep, TrustRegion
+from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.run import TrainResult, train
+from support.toy_environment import STEPS, LineEnv, demonstrations, expert, mean_return
 
 TOY = TrainSettings(
     steps=50 * 16 * STEPS,
@@ -27,7 +28,7 @@ TOY = TrainSettings(
     discount=0.9,
     kl=0.03,
     entropy=0.0,
-    centred=False,
+    centered=False,
     critic_rate=3e-3,
     discriminator_rate=3e-3,
     discriminator_steps=20,
@@ -42,11 +43,11 @@ IGNORING = max(
 """The best that one and the same action everywhere can do."""
 
 
-def trained(method: str, settings: TrainSettings = TOY) -> TrainResult:
-    return train(TrainJob(method, settings, demonstrations(), Line, {}))
+def train_toy(method: str, settings: TrainSettings = TOY) -> TrainResult:
+    return train(method, TrainingData(demonstrations()), LineEnv, settings=settings)
 
 
-def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
+def test_the_toy_separates_the_expert_from_policies_that_ignore_the_state() -> None:
     assert EXPERT > -2
     assert IGNORING < -10
 
@@ -66,21 +67,23 @@ def test_the_toy_tells_experts_from_those_who_do_not_look() -> None:
     ],
 )
 def test_every_method_solves_the_toy(method: str) -> None:
-    assert mean_return(trained(method).policy) > -4
+    assert mean_return(train_toy(method).policy) > -4
 
 
-def test_cloning_everybody_goes_astray_with_the_lost() -> None:
-    assert mean_return(trained("clone-mixed").policy) < -7
+def test_cloning_all_pairs_fails_where_some_go_away_from_the_goal() -> None:
+    assert mean_return(train_toy("clone-mixed").policy) < -7
 
 
-def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
+def test_a_constant_reward_learns_nothing_from_the_demonstrations() -> None:
     """Whether experts go to the goal or away from it, the policy is the same."""
-    of, settings = demonstrations(), replace(TOY, steps=10 * 16 * STEPS)
-    curves, weights = [], []
-    for actions in (of.actions, -of.actions):
-        job = TrainJob("constant", settings, replace(of, actions=actions), Line, {})
-        result = train(job)
-        curves.append([moment.iteration for moment in result.curve if moment.iteration])
+    settings = replace(TOY, steps=10 * 16 * STEPS)
+    expert_actions = demonstrations().actions
+    curves = []
+    weights = []
+    for actions in (expert_actions, -expert_actions):
+        data = TrainingData(replace(demonstrations(), actions=actions))
+        result = train("constant", data, LineEnv, settings=settings)
+        curves.append([row.iteration for row in result.curve if row.iteration])
         weights.append(result.policy.layers[0][0])
     assert curves[0] == curves[1]
     np.testing.assert_array_equal(*weights)
@@ -91,7 +94,7 @@ def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
 @pytest.mark.parametrize(
     "option",
     [
-        {"centred": True},
+        {"centered": True},
         {"gradient_penalty": 0.1},
         {"spectral_norm": True},
         {"pretrained": True, "steps": 5 * 16 * STEPS},
@@ -99,21 +102,21 @@ def test_a_constant_reward_teaches_nothing_of_the_demonstrations() -> None:
     ids=lambda option: next(iter(option)),
 )
 def test_ssil_solves_the_toy_with_every_option(option: dict) -> None:
-    assert mean_return(trained("ssil", replace(TOY, **option)).policy) > -7
+    assert mean_return(train_toy("ssil", replace(TOY, **option)).policy) > -7
 
 
 def test_gail_never_learns_a_value_of_the_shaping() -> None:
     learner = learner_of("gail")
     learner.iterate()
-    of_c = learner.critics(learner._standardize(learner.initial))[1]
+    of_c = learner.critics(learner.standardize(learner.initial))[1]
     assert not of_c.detach().numpy().any()
 
 
 def test_the_shaping_reaches_the_policy_and_never_the_discriminator() -> None:
     """With a discriminator that learns nothing, LCoR alone moves the point to good states."""
     settings = replace(TOY, discriminator_steps=0, eta=5.0, eta_decay=1.0)
-    last = trained("ssil", settings).curve[-1].iteration
-    first = trained("ssil", replace(settings, steps=1)).curve[-1].iteration
+    last = train_toy("ssil", settings).curve[-1].iteration
+    first = train_toy("ssil", replace(settings, steps=1)).curve[-1].iteration
     assert last.shaping > first.shaping
     assert last.discriminator_reward == pytest.approx(np.log(2))
     gail, ssil = learner_of("gail"), learner_of("ssil")
@@ -133,7 +136,7 @@ def test_eta_decays_when_the_discriminators_value_rises_more(
     assert decay_eta(0.5, 0.9, rise_d=rise_d, rise_c=rise_c) == pytest.approx(expected)
 
 
-class Ends(Line):
+class Ends(LineEnv):
     """Every other episode really ends, the others run out of time."""
 
     def step(self, actions: np.ndarray) -> tuple[Any, ...]:
@@ -145,7 +148,7 @@ class Ends(Line):
 def test_the_policy_steps_by_both_advantages_as_computed_by_hand(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A = A_D + η A_C; D sees clipped actions, the policy those it drew; a time limit is no end."""
+    """A = A_D + η A_C; D is given clipped actions, the policy step the sampled ones."""
     settings = replace(
         TOY,
         environments=4,
@@ -157,57 +160,61 @@ def test_the_policy_steps_by_both_advantages_as_computed_by_hand(
     )
     learner = learner_of("ssil", settings, Ends)
     learner.iterate()
-    critics, roll, rollouts, steps = deepcopy(learner.critics), learner.driver.roll, [], []
+    critics = deepcopy(learner.critics)
+    collect = learner.collector.collect
+    rollouts: list[Rollout] = []
+    steps: list[tuple[Any, ...]] = []
 
-    def rolled(*of: Any) -> Rollout:
-        rollouts.append(roll(*of))
+    def record_rollout(*arguments: Any) -> Rollout:
+        rollouts.append(collect(*arguments))
         return rollouts[-1]
 
-    def stepped(region: TrustRegion, *of: Any) -> Step:
-        steps.append(of)
-        return Step(0.0, taken=False)
+    def record_step(region: TrustRegion, *arguments: Any) -> PolicyStep:
+        steps.append(arguments)
+        return PolicyStep(0.0, taken=False)
 
-    monkeypatch.setattr(learner.driver, "roll", rolled)
-    monkeypatch.setattr(TrustRegion, "step", stepped)
+    monkeypatch.setattr(learner.collector, "collect", record_rollout)
+    monkeypatch.setattr(TrustRegion, "step", record_step)
     learner.iterate()
-    (rollout,), ((_, _, actions, advantage),) = rollouts, steps
+    (rollout,) = rollouts
+    ((_, _, actions, advantage),) = steps
     assert rollout.terminated.any() and (rollout.ended & ~rollout.terminated).any()
-    assert (rollout.actions != rollout.drawn).mean() > 0.1
+    assert (rollout.actions != rollout.sampled_actions).mean() > 0.1
 
     with torch.no_grad():
-        seen = [learner._standardize(states) for states in (rollout.states, rollout.next_states)]
-        clipped = torch.from_numpy(rollout.drawn.reshape(-1, 1).clip(-1, 1))
-        paid_d = learner.discriminator.reward(torch.cat([seen[0], clipped], dim=1)).numpy()
-        values, next_values = (critics(states).numpy() for states in seen)
-    paid_c = learner.shaping(rollout.states.reshape(-1, 2))
-    both = [
-        by_hand(rollout, *of, discount=settings.discount, gae_lambda=settings.gae_lambda)
-        for of in zip((paid_d, paid_c), values, next_values, strict=True)
-    ]
-    expected = both[0] + 0.4 * both[1]
+        states = learner.standardize(rollout.states)
+        next_states = learner.standardize(rollout.next_states)
+        clipped = torch.from_numpy(rollout.sampled_actions.reshape(-1, 1).clip(-1, 1))
+        reward_d = learner.discriminator.reward(torch.cat([states, clipped], dim=1)).numpy()
+        values = critics(states).numpy()
+        next_values = critics(next_states).numpy()
+    reward_c = learner.shaping(rollout.states.reshape(-1, 2))
+    advantage_d, advantage_c = (
+        advantages_by_hand(
+            rollout, *arrays, discount=settings.discount, gae_lambda=settings.gae_lambda
+        )
+        for arrays in zip((reward_d, reward_c), values, next_values, strict=True)
+    )
+    expected = advantage_d + 0.4 * advantage_c
     expected = ((expected - expected.mean()) / expected.std()).ravel()
     np.testing.assert_allclose(advantage.numpy(), expected, rtol=1e-3, atol=1e-4)
-    np.testing.assert_array_equal(actions.numpy(), rollout.drawn.reshape(-1, 1))
+    np.testing.assert_array_equal(actions.numpy(), rollout.sampled_actions.reshape(-1, 1))
 
 
-def by_hand(
-    rollout: Rollout, *of_rows: np.ndarray, discount: float, gae_lambda: float
+def advantages_by_hand(
+    rollout: Rollout, *arrays: np.ndarray, discount: float, gae_lambda: float
 ) -> np.ndarray:
-    """Advantages (T, N) of rewards, values and next values (T · N,), one row after the other."""
+    """Advantages (T, N) of rewards, values and next values (T · N,), one number at a time."""
     shape = rollout.ended.shape
-    rewards, values, next_values = (part.reshape(shape) for part in of_rows)
+    rewards, values, next_values = (array.reshape(shape) for array in arrays)
     result = np.zeros(shape)
     for n in range(shape[1]):
         later = 0.0
         for t in reversed(range(shape[0])):
-            afterwards = 0.0 if rollout.terminated[t, n] else next_values[t, n]
+            future = 0.0 if rollout.terminated[t, n] else next_values[t, n]
             later = 0.0 if rollout.ended[t, n] else later
-            later = (
-                rewards[t, n]
-                + discount * afterwards
-                - values[t, n]
-                + (discount * gae_lambda * later)
-            )
+            delta = rewards[t, n] + discount * future - values[t, n]
+            later = delta + discount * gae_lambda * later
             result[t, n] = later
     return result
 
@@ -216,51 +223,53 @@ def test_eta_follows_the_rule_in_the_loop() -> None:
     learner = learner_of("ssil")
     eta = learner.eta
     for _ in range(6):
-        before = learner.critics(learner._standardize(learner.initial)).mean(dim=1).tolist()
+        before = learner.critics(learner.standardize(learner.initial)).mean(dim=1).tolist()
         learner.iterate()
-        after = learner.critics(learner._standardize(learner.initial)).mean(dim=1).tolist()
+        after = learner.critics(learner.standardize(learner.initial)).mean(dim=1).tolist()
         rises = after[0] - before[0], after[1] - before[1]
         eta *= TOY.eta_decay if rises[0] > rises[1] else 1
         assert learner.eta == pytest.approx(eta)
 
 
 def learner_of(
-    method: str, settings: TrainSettings = TOY, world: Callable[[int], Line] = Line
+    method: str, settings: TrainSettings = TOY, make_envs: Callable[[int], LineEnv] = LineEnv
 ) -> Learner:
-    of, row, driver = demonstrations(), METHODS[method], Driver(world(settings.environments))
-    experts = row.expert_sampler(of, driver.box, of.standardizer)
+    row = METHODS[method]
+    of = demonstrations()
+    collector = RolloutCollector(make_envs(settings.environments))
     learner = Learner(
         settings,
-        driver=driver,
-        experts=experts,
+        collector=collector,
+        experts=row.expert_sampler(of, collector.action_box, of.standardizer),
         shaping=row.shaping(of, settings.seed),
-        standardiser=of.standardizer,
+        standardizer=of.standardizer,
     )
-    learner.start_anew()
+    learner.reset_environments()
     return learner
 
 
-def test_a_centred_shaping_pays_nobody_for_staying_alive() -> None:
-    """LCoR that is the same everywhere moves nothing when it is centred."""
-    plain, centred, gail = learner_of("ssil"), learner_of("ssil"), learner_of("gail")
-    centred.settings = replace(TOY, centred=True)
-    for learner in (plain, centred):
+def test_a_constant_state_reward_gives_no_survival_bonus_when_it_is_centered() -> None:
+    plain = learner_of("ssil")
+    centered = learner_of("ssil")
+    gail = learner_of("gail")
+    centered.settings = replace(TOY, centered=True)
+    for learner in (plain, centered):
         learner.shaping = lambda states: np.full(len(states), 0.7)
-    for learner in (plain, centred, gail):
+    for learner in (plain, centered, gail):
         assert learner.iterate().shaping == pytest.approx(0 if learner is gail else 0.7)
-    weights = [learner.policy.layers()[0][0] for learner in (plain, centred, gail)]
+    weights = [learner.policy.layers()[0][0] for learner in (plain, centered, gail)]
     np.testing.assert_allclose(weights[1], weights[2], atol=1e-6)
     assert np.abs(weights[0] - weights[2]).max() > 1e-4
 
 
 def test_the_environments_reward_is_not_read() -> None:
-    class Lying(Line):
+    class NanReward(LineEnv):
         def step(self, actions):
             state, reward, *rest = super().step(actions)
             return state, np.full_like(reward, np.nan), *rest
 
     learner = learner_of("ssil")
-    lied_to = learner_of("ssil")
-    lied_to.driver = Driver(Lying(TOY.environments))
-    lied_to.start_anew()
-    assert lied_to.iterate() == learner.iterate()
+    with_nan = learner_of("ssil")
+    with_nan.collector = RolloutCollector(NanReward(TOY.environments))
+    with_nan.reset_environments()
+    assert with_nan.iterate() == learner.iterate()

@@ -97,6 +97,6 @@ def test_layers_are_copies_in_the_order_of_the_network() -> None:
 
 
 @pytest.mark.parametrize("last", [0.0, 0.01])
-def test_the_last_layer_is_as_large_as_told(last: float) -> None:
+def test_the_last_layer_is_scaled_by_its_factor(last: float) -> None:
     *_, weight, _ = perceptron(3, 16, 4, last=last).parameters()
     torch.testing.assert_close(weight @ weight.T, last**2 * torch.eye(4), atol=1e-6, rtol=1e-4)

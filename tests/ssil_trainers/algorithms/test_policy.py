@@ -10,7 +10,7 @@ import torch
 
 from ssil_data.errors import DamagedError, InvalidInputError, NotFoundError
 from ssil_data.features import Standardizer
-from ssil_trainers.algorithms import checkpoint as tensors
+from ssil_trainers.algorithms import checkpoint
 from ssil_trainers.algorithms.networks import PolicyNetwork
 from ssil_trainers.algorithms.policy import ActionBox, Policy
 
@@ -21,15 +21,15 @@ def policy() -> Policy:
     torch.manual_seed(0)
     network = PolicyNetwork(3, 2, 8, -0.7)
     torch.nn.init.normal_(network.mean[-1].weight)
-    standardiser = Standardizer(np.arange(3, dtype=np.float32), np.full(3, 2, np.float32))
+    standardizer = Standardizer(np.arange(3, dtype=np.float32), np.full(3, 2, np.float32))
     sigma = network.log_sigma.detach().numpy()
-    return Policy(standardiser, network.layers(), sigma, BOX, {"method": "none"})
+    return Policy(standardizer, network.layers(), sigma, BOX, {"method": "none"})
 
 
 STATES = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32) * 4
 
 
-def test_the_mean_is_that_of_the_network_of_standardised_states() -> None:
+def test_the_mean_is_that_of_the_network_of_standardized_states() -> None:
     torch.manual_seed(0)
     network = PolicyNetwork(3, 2, 8, -0.7)
     torch.nn.init.normal_(network.mean[-1].weight)
@@ -47,39 +47,39 @@ def test_the_box_maps_to_unit_actions_and_back() -> None:
     actions = np.array([[-2, 0], [2, 10], [0, 5], [1, 2.5]], np.float32)
     unit = BOX.to_unit(actions)
     np.testing.assert_allclose(unit, [[-1, -1], [1, 1], [0, 0], [0.5, -0.5]])
-    np.testing.assert_allclose(BOX.of_unit(unit), actions)
+    np.testing.assert_allclose(BOX.from_unit(unit), actions)
     np.testing.assert_array_equal(BOX.to_unit(actions * 9)[1], [1, 1])
 
 
 @pytest.mark.parametrize("high", [np.inf, -2.0])
 def test_a_box_without_bounds_or_width_is_refused(high: float) -> None:
-    with pytest.raises(InvalidInputError, match="expected bounds below and above"):
+    with pytest.raises(InvalidInputError, match="every action needs finite bounds"):
         ActionBox(np.array([-2.0], np.float32), np.array([high], np.float32))
 
 
-def test_saved_and_loaded_it_acts_the_same_and_says_where_it_is_from(tmp_path: Path) -> None:
+def test_saved_and_loaded_a_policy_acts_the_same_and_keeps_its_metadata(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "policy.safetensors"
     policy().save(path)
     loaded = Policy.load(path)
     np.testing.assert_array_equal(loaded(STATES), policy()(STATES))
-    assert loaded.described["method"] == "none"
+    assert loaded.metadata["method"] == "none"
     first = path.read_bytes()
     loaded.save(path)
     assert path.read_bytes() == first
     assert [one.name for one in path.parent.iterdir()] == [path.name]
 
 
-def test_what_is_no_policy_file_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_policy_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     with pytest.raises(NotFoundError):
         Policy.load(path)
     path.write_bytes(b"\x80\x04\x95")
     with pytest.raises(DamagedError):
         Policy.load(path)
-    tensors.write(path, {"a": np.zeros(2)}, {"kind": "another thing"})
+    checkpoint.write(path, {"a": np.zeros(2)}, {"kind": "another thing"})
     with pytest.raises(InvalidInputError, match="expected a ssil policy, found a another thing"):
         Policy.load(path)
-    tensors.write(path, {"a": np.zeros(2)}, {"kind": "ssil policy"})
+    checkpoint.write(path, {"a": np.zeros(2)}, {"kind": "ssil policy"})
     with pytest.raises(DamagedError):
         Policy.load(path)
 
@@ -90,17 +90,17 @@ def test_a_cut_or_infinite_file_is_damaged(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-4])
     with pytest.raises(DamagedError):
         Policy.load(path)
-    tensors.write(path, {"a": np.array([np.inf])}, {"kind": "thing"})
+    checkpoint.write(path, {"a": np.array([np.inf])}, {"kind": "thing"})
     with pytest.raises(DamagedError, match="finite"):
-        tensors.read(path, "thing")
+        checkpoint.read(path, "thing")
 
 
-def test_a_description_that_json_does_not_know_is_not_written(tmp_path: Path) -> None:
+def test_metadata_that_json_cannot_hold_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     with pytest.raises(ValueError):
-        tensors.write(path, {}, {"kind": "thing", "score": float("nan")})
+        checkpoint.write(path, {}, {"kind": "thing", "score": float("nan")})
     assert not path.exists()
-    tensors.write(path, {"a": np.arange(3)}, {"kind": "thing", "list": [1, None]})
-    arrays, described = tensors.read(path, "thing")
-    assert described == {"kind": "thing", "list": [1, None]}
+    checkpoint.write(path, {"a": np.arange(3)}, {"kind": "thing", "list": [1, None]})
+    arrays, metadata = checkpoint.read(path, "thing")
+    assert metadata == {"kind": "thing", "list": [1, None]}
     assert arrays["a"].tolist() == [0, 1, 2]

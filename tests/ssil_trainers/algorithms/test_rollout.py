@@ -1,4 +1,4 @@
-"""Driving side by side, against environments whose every step is known."""
+"""Rollouts against environments whose every step is known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.algorithms.rollout import Driver, returns
+from ssil_trainers.algorithms.rollout import RolloutCollector, measure_returns
 
 
 class Counter(gymnasium.Env):
@@ -50,15 +50,17 @@ def counters(mode: AutoresetMode = AutoresetMode.SAME_STEP) -> SyncVectorEnv:
 def still(envs: Any, mean: float = 0.0) -> Policy:
     """The same mean action everywhere, with σ = 1 in unit actions."""
     layer = (np.zeros((1, 1), np.float32), np.array([mean], np.float32))
-    standardiser = Standardizer(np.zeros(1, np.float32), np.ones(1, np.float32))
-    return Policy(standardiser, (layer,), np.zeros(1, np.float32), Driver(envs).box)
+    standardizer = Standardizer(np.zeros(1, np.float32), np.ones(1, np.float32))
+    return Policy(
+        standardizer, (layer,), np.zeros(1, np.float32), RolloutCollector(envs).action_box
+    )
 
 
 def test_every_step_is_kept_with_the_state_it_led_to_also_at_an_end() -> None:
     envs = counters()
-    driver = Driver(envs)
-    np.testing.assert_array_equal(driver.reset(seed=1), [[100], [200]])
-    rollout = driver.roll(still(envs), np.zeros((5, 2, 1), np.float32))
+    collector = RolloutCollector(envs)
+    np.testing.assert_array_equal(collector.reset(seed=1), [[100], [200]])
+    rollout = collector.collect(still(envs), np.zeros((5, 2, 1), np.float32))
     assert rollout.states[:, 0, 0].tolist() == [100, 101, 102, 100, 101]
     assert rollout.next_states[:, 0, 0].tolist() == [101, 102, 103, 101, 102]
     assert rollout.states[:, 1, 0].tolist() == [200, 201, 202, 203, 200]
@@ -68,30 +70,32 @@ def test_every_step_is_kept_with_the_state_it_led_to_also_at_an_end() -> None:
         [False, False, True, False, False],
         [False, False, False, True, False],
     ]
-    assert driver.roll(still(envs), np.zeros((1, 2, 1), np.float32)).states[0, 0, 0] == 102
+    assert collector.collect(still(envs), np.zeros((1, 2, 1), np.float32)).states[0, 0, 0] == 102
 
 
 def test_actions_are_drawn_around_the_mean_and_clipped_before_they_are_driven() -> None:
     envs = counters()
-    driver = Driver(envs)
-    driver.reset(seed=1)
+    collector = RolloutCollector(envs)
+    collector.reset(seed=1)
     noise = np.array([[[0.2], [-9.0]], [[-0.7], [9.0]]], np.float32)
-    rollout = driver.roll(still(envs, mean=0.5), noise)
-    np.testing.assert_allclose(rollout.drawn[..., 0], [[0.7, -8.5], [-0.2, 9.5]], rtol=1e-6)
+    rollout = collector.collect(still(envs, mean=0.5), noise)
+    np.testing.assert_allclose(
+        rollout.sampled_actions[..., 0], [[0.7, -8.5], [-0.2, 9.5]], rtol=1e-6
+    )
     np.testing.assert_allclose(rollout.actions[..., 0], [[0.7, -1], [-0.2, 1]], rtol=1e-6)
     driven = envs.get_attr("actions")
     np.testing.assert_allclose(driven, [[2.1, -0.6], [-3, 3]], rtol=1e-5)
 
 
 def test_returns_count_the_first_episode_of_every_environment() -> None:
-    total, length = returns(still(counters()), counters(), seed=1)
+    total, length = measure_returns(still(counters()), counters(), seed=1)
     assert total.tolist() == [3, 4]
     assert length.tolist() == [3, 4]
 
 
 def test_an_environment_that_loses_a_step_on_a_reset_is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"SAME_STEP.*found .*NEXT_STEP"):
-        Driver(counters(AutoresetMode.NEXT_STEP))
+        RolloutCollector(counters(AutoresetMode.NEXT_STEP))
 
 
 def test_spaces_that_are_no_boxes_of_one_row_are_refused() -> None:
@@ -105,8 +109,8 @@ def test_spaces_that_are_no_boxes_of_one_row_are_refused() -> None:
         envs = SyncVectorEnv(
             [lambda kind=kind: kind(3, terminates=True)], autoreset_mode=AutoresetMode.SAME_STEP
         )
-        with pytest.raises(InvalidInputError, match=f"{name} space: expected a Box of one row"):
-            Driver(envs)
+        with pytest.raises(InvalidInputError, match=f"{name} space: expected a one-dim"):
+            RolloutCollector(envs)
 
 
 class Broken(Counter):
@@ -124,26 +128,26 @@ class Broken(Counter):
 
 
 @pytest.mark.parametrize("what", ["state", "last", "reward"])
-def test_what_is_not_finite_is_refused_at_once(what: str) -> None:
+def test_a_state_or_reward_that_is_not_finite_is_refused_at_once(what: str) -> None:
     def envs() -> SyncVectorEnv:
         makers = [lambda: Counter(3, terminates=True), lambda: Broken(what)]
         return SyncVectorEnv(makers, autoreset_mode=AutoresetMode.SAME_STEP)
 
     driven = envs()
-    driver = Driver(driven)
-    driver.reset(seed=1)
+    collector = RolloutCollector(driven)
+    collector.reset(seed=1)
     noise = np.zeros((9, 2, 1), np.float32)
     if what == "reward":
-        assert driver.roll(still(driven), noise).ended.any()
+        assert collector.collect(still(driven), noise).ended.any()
     else:
         with pytest.raises(
             InvalidInputError, match=r"environment: expected finite states, found nan"
         ):
-            driver.roll(still(driven), noise)
+            collector.collect(still(driven), noise)
         assert driven.get_attr("steps")[0] == (2 if what == "state" else 0)
     if what != "last":
         with pytest.raises(InvalidInputError, match=f"expected finite {what}s, found (nan|inf)"):
-            returns(still(envs()), envs(), seed=1)
+            measure_returns(still(envs()), envs(), seed=1)
 
 
 def test_a_start_that_is_not_finite_is_refused() -> None:
@@ -155,4 +159,4 @@ def test_a_start_that_is_not_finite_is_refused() -> None:
         [lambda: Nowhere(3, terminates=True)], autoreset_mode=AutoresetMode.SAME_STEP
     )
     with pytest.raises(InvalidInputError, match="expected finite states, found nan"):
-        Driver(envs).reset(seed=1)
+        RolloutCollector(envs).reset(seed=1)

@@ -1,4 +1,4 @@
-"""A small table of Pendulum's swings, on demonstrations that are made in a moment."""
+"""A small table of training runs in Pendulum, on demonstrations that are made in a moment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ssil_data.demonstrations import Episode
 from ssil_data.store import Store
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.experiments.plan import Plan
-from ssil_trainers.experiments.protocol import Row, Table
+from ssil_trainers.experiments.tables import Row, Table
 
 SMALL = TrainSettings(
     environments=2, horizon=16, hidden=8, boundary=2, evaluations=1, cloning_steps=5
@@ -37,7 +37,7 @@ SWINGS = Table(
 )
 
 
-def swings(store: Store) -> None:
+def create_swings(store: Store) -> None:
     """Make a dataset for Pendulum with every tier; what is learned from it does not matter."""
     rng = np.random.default_rng(0)
     tiers = ["expert", "expert", "0-25", "25-50", "50-75", "expert"]
@@ -55,11 +55,11 @@ def swings(store: Store) -> None:
 
 @pytest.fixture(scope="session")
 def swings_plan() -> Callable[[Path], Plan]:
-    """Return what makes, in a folder, a store and a plan of one seed of which nothing is done."""
+    """Return a function that makes a store and a plan of one seed, of which nothing is done."""
 
-    def made(folder: Path) -> Plan:
+    def make_plan(folder: Path) -> Plan:
         store = Store(folder / "store")
-        swings(store)
+        create_swings(store)
         return Plan(
             tables=(SWINGS,),
             leverage="swings",
@@ -73,4 +73,4 @@ def swings_plan() -> Callable[[Path], Plan]:
             estimators=("vae",),
         )
 
-    return made
+    return make_plan

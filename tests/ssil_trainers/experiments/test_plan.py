@@ -11,9 +11,9 @@ import pytest
 from ssil_data.scoring import preset
 from ssil_data.store import Store
 from ssil_trainers.experiments.cells import Training
-from ssil_trainers.experiments.lessons import Fit
+from ssil_trainers.experiments.fits import Fit
 from ssil_trainers.experiments.plan import Plan
-from ssil_trainers.experiments.protocol import Row
+from ssil_trainers.experiments.tables import Row
 
 
 @pytest.fixture

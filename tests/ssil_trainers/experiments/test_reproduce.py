@@ -20,17 +20,17 @@ import vl_convert
 
 from ssil_data.cli import main
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
-from ssil_trainers.collection.pure_pursuit import Pursuit
+from ssil_trainers.collection.pure_pursuit import PurePursuit
 from ssil_trainers.collection.rc_lidar import RCSettings
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
 from ssil_trainers.envs.registry import make_single
 from ssil_trainers.experiments import reproduce as command
 from ssil_trainers.experiments.cells import FIRST_TEST_SEED
 from ssil_trainers.experiments.plan import Plan
-from ssil_trainers.experiments.pool import pool
-from ssil_trainers.experiments.protocol import RC_LIDAR
+from ssil_trainers.experiments.process_pool import open_pool
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
+from ssil_trainers.experiments.tables import RC_LIDAR
 
 
 def files(folder: Path) -> dict[str, int]:
@@ -43,7 +43,7 @@ def small(tmp_path_factory: pytest.TempPathFactory, swings_plan: Callable[[Path]
     plan = swings_plan(tmp_path_factory.mktemp("reproduction"))
     store = plan.output.parent / "store"
     before, lines = files(store), list[str]()
-    publish(plan, command.run(plan, workers=1, tell=lines.append))
+    publish(plan, command.run_plan(plan, workers=1, report=lines.append))
     assert files(store) == before
     assert lines[0] == "0 of 9 cells are done already"
     assert lines[-1].startswith("cell 9 of 9")
@@ -51,7 +51,7 @@ def small(tmp_path_factory: pytest.TempPathFactory, swings_plan: Callable[[Path]
 
 
 def done(plan: Plan) -> Results:
-    found = [task.result() for task in plan.tasks]
+    found = [task.read_result() for task in plan.tasks]
     assert None not in found
     return Results([result for result in found if result is not None])
 
@@ -74,8 +74,8 @@ def test_every_cell_has_a_file_with_its_score_curve_and_identity(small: Plan):
 
 def test_a_second_call_runs_nothing(small: Plan, monkeypatch: pytest.MonkeyPatch):
     before = files(small.output / "cells")
-    monkeypatch.setattr(command, "pool", lambda workers: pytest.fail("something was run"))
-    assert len(command.run(replace(small), workers=1, tell=lambda line: None).records) == 9
+    monkeypatch.setattr(command, "open_pool", lambda workers: pytest.fail("something was run"))
+    assert len(command.run_plan(replace(small), workers=1, report=lambda line: None).records) == 9
     assert files(small.output / "cells") == before
 
 
@@ -86,19 +86,19 @@ def test_a_cell_of_other_settings_data_or_code_is_not_taken_for_done(small: Plan
         replace(small, preset="paper"),
         replace(small, tables=(replace(small.tables[0], episodes=3),)),
     ):
-        missing = {task.cell.method for task in other.tasks if task.result() is None}
+        missing = {task.cell.method for task in other.tasks if task.read_result() is None}
         assert "ssil" in missing
     task = next(task for task in small.tasks if task.cell.method == "gail")
     for name in ("code", "versions", "dataset_version"):
-        assert replace(task, identity={**task.identity, name: "other"}).result() is None
-    assert task.result() is not None
+        assert replace(task, identity={**task.identity, name: "other"}).read_result() is None
+    assert task.read_result() is not None
 
 
 def test_a_setting_that_a_method_does_not_have_leaves_its_cells_as_they_are(small: Plan):
     other = replace(small, budget=96)
     clone = [task for task in other.tasks if task.cell.method == "clone"]
     assert clone
-    assert all(task.result() is not None for task in clone)
+    assert all(task.read_result() is not None for task in clone)
 
 
 def test_what_does_not_depend_on_labels_is_run_once_and_stands_beside_all(small: Plan):
@@ -160,7 +160,7 @@ def test_every_chart_draws_a_panel_for_each_number_of_labels(small: Plan):
 
 def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
     before, children = os.environ.get("OMP_NUM_THREADS"), []
-    with pytest.raises(KeyboardInterrupt), pool(1) as executor:
+    with pytest.raises(KeyboardInterrupt), open_pool(1) as executor:
         assert executor.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
         assert executor.submit(torch.get_num_threads).result() == 1
         children = multiprocessing.active_children()
@@ -176,7 +176,7 @@ def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
 def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_track():
     for test in RC_LIDAR.tests:
         world = make_single(test)
-        expert = Pursuit(cast(RCLidarEnv, world.unwrapped), ahead=RCSettings().ahead)
+        expert = PurePursuit(cast(RCLidarEnv, world.unwrapped), ahead=RCSettings().ahead)
         state, _ = world.reset(seed=FIRST_TEST_SEED)
         total, ended = 0.0, False
         while not ended:
@@ -215,7 +215,7 @@ def planned(words: list[str], monkeypatch: pytest.MonkeyPatch) -> Plan:
         plans.append(plan)
         return Results([])
 
-    monkeypatch.setattr(command, "run", caught)
+    monkeypatch.setattr(command, "run_plan", caught)
     monkeypatch.setattr(command, "publish", lambda plan, results: {"reproduced": 0})
     with pytest.raises(SystemExit) as left:
         main(["reproduce", *words])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ssil_trainers.experiments.page import describe_saturation
-from ssil_trainers.experiments.protocol import RACETRACK, RC_LIDAR, Row, Table
 from ssil_trainers.experiments.results import Results
+from ssil_trainers.experiments.tables import RACETRACK, RC_LIDAR, Row, Table
 
 GAIL, CONSTANT = Row("gail", "GAIL"), Row("constant", "constant reward", labeled=False)
 
@@ -60,7 +60,7 @@ def test_every_number_of_labels_has_its_own_results_seed_after_seed():
     assert [row["mean"] for row in results.rows(RACETRACK)] == pytest.approx([0.6, 0.8])
 
 
-def test_what_has_no_labels_stands_beside_all_of_them():
+def test_a_row_without_labels_has_the_same_results_for_all_numbers_of_labels():
     results = Results([record(RACETRACK, CONSTANT, None, 0.2)])
     for labels in RACETRACK.labels:
         assert results.scores(RACETRACK, CONSTANT, labels).tolist() == [0.2]
@@ -82,12 +82,12 @@ def test_the_ledger_judges_a_rise_by_the_papers_scale():
     assert shown == {"paper": pytest.approx(rising), "default": pytest.approx(falling)}
 
 
-def test_a_bounded_table_says_which_methods_it_does_not_tell_apart():
+def test_a_bounded_table_names_the_methods_that_reach_its_full_score():
     full = [record(RC_LIDAR, row, None, 1.0) for row in RC_LIDAR.rows if row.method != "clone"]
     clone = RC_LIDAR.rows[-1]
     sentence = describe_saturation(RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.5)]))
     assert sentence.startswith("After 4,096 steps these score 1.000")
-    assert "constant reward" in sentence and sentence.endswith("less: behaviour cloning 0.500.")
+    assert "constant reward" in sentence and sentence.endswith("less: behavior cloning 0.500.")
     sentence = describe_saturation(
         RC_LIDAR, Results([*full, record(RC_LIDAR, clone, None, 0.9996)])
     )

@@ -12,11 +12,21 @@ import pytest
 import torch
 
 from ssil_data.errors import ConflictError, InvalidInputError
+from ssil_trainers.algorithms import checkpoint
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.policy import Policy
+from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import HistoryRow
-from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, TrainJob, train
-from support.toy_environment import STEPS, Line, demonstrations
+from ssil_trainers.training.run import (
+    CHECKPOINT,
+    CURVE,
+    KIND,
+    POLICY,
+    Callback,
+    TrainResult,
+    train,
+)
+from support.toy_environment import STEPS, LineEnv, demonstrations
 
 SETTINGS = TrainSettings(
     steps=7 * 4 * STEPS,
@@ -32,27 +42,43 @@ SETTINGS = TrainSettings(
 )
 
 
-def job(folder: Path | None, method: str = "ssil", **settings: object) -> TrainJob:
-    chosen = replace(SETTINGS, **settings)
-    return TrainJob(method, chosen, demonstrations(), Line, {"run": "toy"}, -2.0, folder)
+def train_toy(
+    folder: Path | None,
+    method: str = "ssil",
+    *,
+    run: str = "toy",
+    resume: bool = False,
+    callback: Callback = lambda row: None,
+    **settings: object,
+) -> TrainResult:
+    """Train in the toy environment, whose expert's return is taken for -2."""
+    return train(
+        method,
+        TrainingData(demonstrations(), -2.0, {"run": run}),
+        LineEnv,
+        settings=replace(SETTINGS, **settings),
+        folder=folder,
+        resume=resume,
+        callback=callback,
+    )
 
 
 class Stop(KeyboardInterrupt):
     """Ctrl-C."""
 
 
-def stop_after(iterations: int):
-    def seen(moment: HistoryRow) -> None:
-        if moment.iteration is not None and moment.iteration.number == iterations:
+def stop_after(iterations: int) -> Callback:
+    def stop(row: HistoryRow) -> None:
+        if row.iteration is not None and row.iteration.number == iterations:
             raise Stop
 
-    return seen
+    return stop
 
 
 def test_same_seed_same_bytes_and_another_seed_others(tmp_path: Path) -> None:
     files = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        train(job(tmp_path / name, seed=seed))
+        train_toy(tmp_path / name, seed=seed)
         files.append([(tmp_path / name / f).read_bytes() for f in (POLICY, CHECKPOINT, CURVE)])
     assert files[0] == files[1]
     assert all(one != other for one, other in zip(files[0], files[2], strict=True))
@@ -63,76 +89,94 @@ def test_same_seed_same_bytes_and_another_seed_others(tmp_path: Path) -> None:
 def test_interrupted_and_resumed_is_uninterrupted(
     tmp_path: Path, stops: list[int], option: dict[str, bool]
 ) -> None:
-    train(job(tmp_path / "whole", **option))
+    train_toy(tmp_path / "whole", **option)
     for stop in stops:
         with pytest.raises(Stop):
-            train(job(tmp_path / "cut", **option), resume=True, seen=stop_after(stop))
-    result = train(job(tmp_path / "cut", **option), resume=True)
+            train_toy(tmp_path / "cut", **option, resume=True, callback=stop_after(stop))
+    result = train_toy(tmp_path / "cut", **option, resume=True)
     for name in (POLICY, CHECKPOINT, CURVE):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    assert [moment.steps for moment in result.curve] == [80 * k for k in range(8)]
+    assert [row.steps for row in result.curve] == [80 * k for k in range(8)]
+
+
+def test_a_checkpoint_of_version_0_1_is_resumed_though_a_setting_has_a_new_name(
+    tmp_path: Path,
+) -> None:
+    train_toy(tmp_path / "whole")
+    with pytest.raises(Stop):
+        train_toy(tmp_path / "cut", callback=stop_after(4))
+    path = tmp_path / "cut" / CHECKPOINT
+    arrays, metadata = checkpoint.read(path, KIND)
+    settings = metadata["identity"]["settings"]
+    settings["centred"] = settings.pop("centered")
+    checkpoint.write(path, arrays, metadata)
+    train_toy(tmp_path / "cut", resume=True)
+    for name in (POLICY, CHECKPOINT, CURVE):
+        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    with pytest.raises(ConflictError, match="centered True as before, found False"):
+        train_toy(tmp_path / "cut", resume=True, centered=False)
 
 
 def test_a_finished_run_goes_on_to_what_a_longer_one_gives(tmp_path: Path) -> None:
     longer = SETTINGS.steps + 4 * 80
-    train(job(tmp_path / "whole", steps=longer))
-    train(job(tmp_path / "cut"))
-    train(job(tmp_path / "cut", steps=longer), resume=True)
+    train_toy(tmp_path / "whole", steps=longer)
+    train_toy(tmp_path / "cut")
+    train_toy(tmp_path / "cut", steps=longer, resume=True)
     whole, cut = (Policy.load(tmp_path / name / POLICY) for name in ("whole", "cut"))
     for one, other in zip(whole.layers, cut.layers, strict=True):
         np.testing.assert_array_equal(one[0], other[0])
 
 
 def test_other_random_numbers_meanwhile_change_nothing(tmp_path: Path) -> None:
-    one = train(job(None)).policy
+    one = train_toy(None).policy
     np.random.seed(5)  # noqa: NPY002
     torch.manual_seed(5)
 
-    def disturb(moment: HistoryRow) -> None:
+    def disturb(row: HistoryRow) -> None:
         np.random.random()  # noqa: NPY002
         torch.rand(3)
 
-    other = train(job(None), seen=disturb).policy
+    other = train_toy(None, callback=disturb).policy
     np.testing.assert_array_equal(one.layers[0][0], other.layers[0][0])
 
 
 def test_after_ctrl_c_the_policy_so_far_can_be_driven(tmp_path: Path) -> None:
     with pytest.raises(Stop):
-        train(job(tmp_path), seen=stop_after(5))
+        train_toy(tmp_path, callback=stop_after(5))
     policy = Policy.load(tmp_path / POLICY)
-    assert policy.described["steps"] == 240
+    assert policy.metadata["steps"] == 240
     assert np.isfinite(policy(demonstrations().states)).all()
 
 
 def test_a_checkpoint_is_not_overwritten_unasked(tmp_path: Path) -> None:
-    train(job(tmp_path))
+    train_toy(tmp_path)
     with pytest.raises(ConflictError, match="--resume goes on"):
-        train(job(tmp_path))
+        train_toy(tmp_path)
 
 
 @pytest.mark.parametrize("iterations", [2, 6])
 def test_fewer_steps_than_a_policy_has_learned_for_leave_it_alone(
     tmp_path: Path, iterations: int
 ) -> None:
-    train(job(tmp_path))
+    train_toy(tmp_path)
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     with pytest.raises(ConflictError, match="expected at least the 560 that the policy"):
-        train(job(tmp_path, steps=iterations * 80), resume=True)
+        train_toy(tmp_path, steps=iterations * 80, resume=True)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
-def test_a_checkpoint_of_another_job_is_refused_with_what_differs(tmp_path: Path) -> None:
-    train(job(tmp_path))
+def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path: Path) -> None:
+    train_toy(tmp_path)
     with pytest.raises(ConflictError, match=r"kl 0.01 as before, found 0.02"):
-        train(job(tmp_path, kl=0.02), resume=True)
+        train_toy(tmp_path, kl=0.02, resume=True)
     with pytest.raises(ConflictError, match="'ssil' as before, found 'gail'"):
-        train(job(tmp_path, "gail"), resume=True)
+        train_toy(tmp_path, "gail", resume=True)
     with pytest.raises(ConflictError, match="run 'toy' as before, found 'other'"):
-        train(replace(job(tmp_path), origin={"run": "other"}), resume=True)
+        train_toy(tmp_path, run="other", resume=True)
 
 
 def test_the_curve_has_a_row_per_iteration_and_scores_where_they_are_due(tmp_path: Path) -> None:
-    result = train(job(tmp_path))
+    result = train_toy(tmp_path)
     rows = list(csv.DictReader((tmp_path / CURVE).read_text().splitlines()))
     assert [int(row["steps"]) for row in rows] == [80 * k for k in range(8)]
     scored = [k for k, row in enumerate(rows) if row["score"]]
@@ -142,29 +186,29 @@ def test_the_curve_has_a_row_per_iteration_and_scores_where_they_are_due(tmp_pat
     assert rows[1]["eta"] and rows[1]["accuracy"] and rows[1]["kl"]
 
 
-def test_the_policy_file_says_how_it_came_to_be(tmp_path: Path) -> None:
-    train(job(tmp_path))
-    described = json.loads(json.dumps(Policy.load(tmp_path / POLICY).described))
-    assert described["method"] == "ssil"
-    assert described["origin"] == {"run": "toy"}
-    assert described["settings"]["hidden"] == 8
-    assert described["steps"] == described["evaluated"]["steps"] == 560
+def test_the_policy_file_says_how_it_was_trained(tmp_path: Path) -> None:
+    train_toy(tmp_path)
+    metadata = json.loads(json.dumps(Policy.load(tmp_path / POLICY).metadata))
+    assert metadata["method"] == "ssil"
+    assert metadata["origin"] == {"run": "toy"}
+    assert metadata["settings"]["hidden"] == 8
+    assert metadata["steps"] == metadata["evaluated"]["steps"] == 560
 
 
 def test_torch_keeps_its_threads(tmp_path: Path) -> None:
     before = torch.get_num_threads()
-    train(job(None, steps=1))
+    train_toy(None, steps=1)
     assert torch.get_num_threads() == before
 
 
 def test_a_method_of_no_iterations_gives_its_cloned_policy(tmp_path: Path) -> None:
-    result = train(job(tmp_path, "clone"))
+    result = train_toy(tmp_path, "clone")
     assert len(result.curve) == 1
     assert result.curve[0].evaluation is not None
     assert (tmp_path / POLICY).exists()
     with pytest.raises(ConflictError, match="--resume goes on"):
-        train(job(tmp_path, "clone", cloning_steps=7))
-    again = train(job(tmp_path, "clone"), resume=True)
+        train_toy(tmp_path, "clone", cloning_steps=7)
+    again = train_toy(tmp_path, "clone", resume=True)
     np.testing.assert_array_equal(again.policy.layers[0][0], result.policy.layers[0][0])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
 
@@ -15,7 +16,7 @@ import pytest
 from ssil_data.cli import main
 from ssil_data.client import RetryPolicy, connect
 from ssil_data.commands import serving
-from ssil_data.commands.output import Place
+from ssil_data.commands.output import StoreLocation
 from ssil_data.commands.serving import open_store
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
@@ -28,10 +29,18 @@ from ssil_service.server.launch import Server, launch
 from ssil_service.settings import read_settings
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.commands import train as command
-from ssil_trainers.training.data_source import TrainingData
+from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import HistoryRow
-from ssil_trainers.training.run import CHECKPOINT, CURVE, POLICY, TrainJob, train
-from support.toy_environment import STEPS, Line, demonstrations
+from ssil_trainers.training.run import (
+    CHECKPOINT,
+    CURVE,
+    POLICY,
+    Callback,
+    TrainResult,
+    TrainRun,
+    train,
+)
+from support.toy_environment import STEPS, LineEnv, demonstrations
 
 SETTINGS = TrainSettings(
     steps=8 * 4 * STEPS,
@@ -66,8 +75,15 @@ def server(laid: Store) -> Iterator[Server]:
     server.kill()
 
 
-def job(lessons: TrainingData, folder: Path | None = None, method: str = "ssil") -> TrainJob:
-    return TrainJob(method, SETTINGS, lessons.demonstrations, Line, lessons.identity, -2.0, folder)
+def train_toy(
+    data: TrainingData,
+    folder: Path,
+    method: str = "ssil",
+    callback: Callback = lambda row: None,
+) -> None:
+    """Train in the toy environment, whose expert's return is taken for -2."""
+    data = replace(data, expert_return=-2.0)
+    train(method, data, LineEnv, settings=SETTINGS, folder=folder, callback=callback)
 
 
 def files(folder: Path) -> list[bytes]:
@@ -75,14 +91,14 @@ def files(folder: Path) -> list[bytes]:
 
 
 def undisturbed(store: Store, folder: Path) -> list[bytes]:
-    train(job(TrainingData.of(store["toy"], "vae"), folder))
+    train_toy(TrainingData.read(store["toy"], "vae"), folder)
     return files(folder)
 
 
 def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
     for threads in (1, None):
-        of = TrainingData.of(laid["toy"], "vae", threads=threads).demonstrations
-        for field in (of.field, of.field_of(of.leverage, 1.0)):
+        of = TrainingData.read(laid["toy"], "vae", threads=threads).demonstrations
+        for field in (of.field, of.make_field(of.leverage, 1.0)):
             assert isinstance(field, LeverageField) and field.threads == threads
 
 
@@ -90,24 +106,20 @@ def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
 def test_rewards_and_policies_are_the_same_three_ways(
     laid: Store, server: Server, tmp_path: Path, method: str
 ) -> None:
-    place = Place(laid.folder.uri)
-    lessons = {"store": TrainingData.of(laid["toy"], "vae", threads=1)}
-    with open_store(place, None) as inside, open_store(place, server.url) as remote:
-        lessons |= {
-            name: TrainingData.of(s["toy"], "vae") for name, s in (("in", inside), ("at", remote))
-        }
-        kinds = {type(found.demonstrations.field).__name__ for found in lessons.values()}
-        assert kinds == {"LeverageField", "RemoteField"}
+    place = StoreLocation(laid.folder.uri)
+    data = {"store": TrainingData.read(laid["toy"], "vae", threads=1)}
+    with open_store(place, None) as embedded, open_store(place, server.url) as remote:
+        data["embedded"] = TrainingData.read(embedded["toy"], "vae")
+        data["remote"] = TrainingData.read(remote["toy"], "vae")
+        fields = [found.demonstrations.field for found in data.values()]
+        assert {type(field).__name__ for field in fields} == {"LeverageField", "RemoteField"}
         states = np.random.default_rng(0).normal(size=(300, 2)).astype(np.float32)
-        rewards = [
-            [of.demonstrations.field.lcor(states).values, of.demonstrations.field.cor(states)]
-            for of in lessons.values()
-        ]
-        for name, of in lessons.items():
-            train(job(of, tmp_path / name, method))
+        rewards = [[field.lcor(states).values, field.cor(states)] for field in fields]
+        for name, found in data.items():
+            train_toy(found, tmp_path / name, method)
     for other in rewards[1:]:
         np.testing.assert_array_equal(rewards[0], other)
-    first, *others = [files(tmp_path / name) for name in lessons]
+    first, *others = [files(tmp_path / name) for name in data]
     assert others == [first, first]
 
 
@@ -118,13 +130,13 @@ def test_without_an_address_the_command_asks_a_service_inside(
     monkeypatch.setenv("SSIL_READ_KEY", KEY)
     monkeypatch.setenv("SSIL_STATE", str(tmp_path / "state"))
     before = sorted(Path(laid.folder.uri).iterdir())
-    with open_store(Place(laid.folder.uri), None) as store:
+    with open_store(StoreLocation(laid.folder.uri), None) as store:
         assert type(store).__name__ == "RemoteStore"
         assert store["toy"].version == laid["toy"].version
     assert sorted(Path(laid.folder.uri).iterdir()) == before
     assert not (tmp_path / "state").exists()
     monkeypatch.setitem(sys.modules, "ssil_service", None)
-    with open_store(Place(laid.folder.uri), None) as store:
+    with open_store(StoreLocation(laid.folder.uri), None) as store:
         assert isinstance(store, Store)
 
 
@@ -148,8 +160,8 @@ def test_a_service_killed_in_the_middle_and_restarted_only_delays(
     thread = Thread(target=restart)
     thread.start()
     try:
-        with open_store(Place(laid.folder.uri), servers[0].url) as store:
-            train(job(TrainingData.of(store["toy"], "vae"), tmp_path / "cut"), seen=kill)
+        with open_store(StoreLocation(laid.folder.uri), servers[0].url) as store:
+            train_toy(TrainingData.read(store["toy"], "vae"), tmp_path / "cut", callback=kill)
     finally:
         killed.set()
         thread.join()
@@ -196,8 +208,8 @@ def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path)
     app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
     quick = RetryPolicy(first=0.001, longest=0.002, total=5.0)
-    with connect("http://localhost", transport=troubled, patience=quick) as store:
-        train(job(TrainingData.of(store["toy"], "vae"), tmp_path / "cut"))
+    with connect("http://localhost", transport=troubled, retry=quick) as store:
+        train_toy(TrainingData.read(store["toy"], "vae"), tmp_path / "cut")
     assert files(tmp_path / "cut") == expected
     assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
 
@@ -217,35 +229,35 @@ def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     gone = launch(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
-    monkeypatch.setattr(serving, "AT_FIRST", 0.3)
-    monkeypatch.setattr(serving, "LATER", 0.3)
-    monkeypatch.setattr(command, "make_vectorized", lambda env, count: Line(count))
+    monkeypatch.setattr(serving, "CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr(serving, "RETRY_TIMEOUT", 0.3)
+    monkeypatch.setattr(command, "make_vectorized", lambda env, count: LineEnv(count))
     words = ["train", "ssil", "--env", "Pendulum-v1", "--dataset", "toy", "--run", "vae"]
     words += ["--environments", 4, "--horizon", STEPS, "--hidden", 8, "--boundary", 2]
     words += ["--steps", SETTINGS.steps, "--evaluations", 2, "-o", tmp_path / "out"]
-    real = command.train_job
+    whole_run = TrainRun.train
 
-    def until(iteration: int) -> Callable[..., object]:
-        def cut(job: TrainJob, *, resume: bool, seen: Callable[[HistoryRow], None]) -> object:
-            def both(moment: HistoryRow) -> None:
-                seen(moment)
-                if moment.iteration is not None and moment.iteration.number == iteration:
+    def stop_service_after(iteration: int) -> Callable[..., TrainResult]:
+        def cut_run(run: TrainRun, *, resume: bool, callback: Callback) -> TrainResult:
+            def both(row: HistoryRow) -> None:
+                callback(row)
+                if row.iteration is not None and row.iteration.number == iteration:
                     gone.kill()
 
-            return real(job, resume=resume, seen=both)
+            return whole_run(run, resume=resume, callback=both)
 
-        return cut
+        return cut_run
 
-    monkeypatch.setattr(command, "train_job", until(5))
+    monkeypatch.setattr(TrainRun, "train", stop_service_after(5))
     assert "key:" in refusal(capsys, *words, "--service", gone.url)
-    monkeypatch.setenv(serving.KEY, KEY)
+    monkeypatch.setenv(serving.API_KEY_VARIABLE, KEY)
     told = refusal(capsys, *words, "--service", gone.url)
     assert "--resume goes on" in told and str(tmp_path / "out") in told
     told = refusal(capsys, *words, "--resume", "--service", gone.url)
-    assert f"expected an answer from {gone.url}" in told
+    assert f"no answer from {gone.url}" in told
 
-    monkeypatch.setattr(command, "train_job", real)
-    monkeypatch.delenv(serving.KEY)
+    monkeypatch.setattr(TrainRun, "train", whole_run)
+    monkeypatch.delenv(serving.API_KEY_VARIABLE)
     for folder, more in (("out", ["--resume"]), ("whole", [])):
         with pytest.raises(SystemExit) as left:
             main([str(w) for w in [*words[:-1], tmp_path / folder, "--service", server.url, *more]])

@@ -1,4 +1,4 @@
-"""Behaviour cloning: the policy's mean learns the experts' actions; weights make it selective."""
+"""Behavior cloning: the policy's mean action is regressed on the actions of expert pairs."""
 
 from __future__ import annotations
 
@@ -18,21 +18,54 @@ def clone(
     rate: float,
     rng: np.random.Generator,
 ) -> float:
-    """Minimise the squared error of the mean by Adam; return its mean over the last tenth.
+    """Fit the policy's mean to the expert actions, in place, and return the error that is left.
 
-    Pairs are drawn by their weight: with leverage as the weight this is leverage-weighted cloning,
-    with 1 for labeled pairs and 0 for others the plain one. log σ stays, so that a policy trained
-    further still explores.
+    Adam minimizes the squared error with a cosine schedule. Pairs are drawn by their weight: with
+    leverage as the weight this is leverage-weighted cloning; with 1 for labeled and 0 for unlabeled
+    pairs it is the plain one. log σ does not change, so a policy that is trained further explores
+    as before.
+
+    Parameters
+    ----------
+    policy:
+        The network whose mean is changed.
+    experts:
+        The pairs to imitate, with their weights.
+    steps:
+        Number of gradient steps; 0 leaves the policy as it is.
+    batch:
+        Pairs in one step.
+    rate:
+        Step size at the start; it falls to zero as a cosine.
+    rng:
+        Draws the batches.
+
+    Returns
+    -------
+    :
+        Mean squared error of unit actions over the last tenth of the steps, lower is better; 0
+        without steps.
+
+    Examples
+    --------
+    >>> states = np.linspace(-1, 1, 50, dtype=np.float32)[:, None]
+    >>> experts = ExpertSampler(states, states / 2, np.ones(50, np.float32))
+    >>> policy = PolicyNetwork(1, 1, hidden=8, log_sigma=-0.7)
+    >>> rng = np.random.default_rng(0)
+    >>> clone(policy, experts, steps=200, batch=32, rate=1e-2, rng=rng) < 0.01
+    True
     """
-    optimiser = torch.optim.Adam(policy.mean.parameters(), lr=rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(1, steps))
+    optimizer = torch.optim.Adam(policy.mean.parameters(), lr=rate, fused=True)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(1, steps))
     errors = []
     for _ in range(steps):
-        states, actions = experts.draw(batch, rng)
+        states, actions = experts.sample(batch, rng)
         error = (policy.mean(states) - actions).square().mean()
-        optimiser.zero_grad()
+        optimizer.zero_grad()
         error.backward()
-        optimiser.step()
+        optimizer.step()
         schedule.step()
         errors.append(float(error.detach()))
-    return float(np.mean(errors[-max(1, steps // 10) :])) if errors else 0.0
+    if not errors:
+        return 0.0
+    return float(np.mean(errors[-max(1, steps // 10) :]))

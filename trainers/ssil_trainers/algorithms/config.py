@@ -1,4 +1,4 @@
-"""What a training run can be told: the command line, and what a checkpoint keeps of it."""
+"""The settings of a training run: flags of the command, and part of every checkpoint."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ _MAY_BE_ZERO = frozenset(
 _AT_MOST_ONE = frozenset({"discount", "gae_lambda", "fisher_share", "eta_decay"})
 
 PAPER: Mapping[str, Any] = MappingProxyType(
-    {"gae_lambda": 0.0, "centred": False, "gradient_penalty": 0.0, "spectral_norm": False}
+    {"gae_lambda": 0.0, "centered": False, "gradient_penalty": 0.0, "spectral_norm": False}
 )
-"""The preset `paper`: one-step advantages as in Algorithm 1, and nothing beyond it.
+"""The preset `paper`: one-step advantages as in Algorithm 1, and nothing that goes beyond it.
 
-The paper calls α a hyperparameter and never states it: the preset leaves it to the run, which fits
-it to the demonstrations.
+The paper calls α, the sharpness of the kernel, a hyperparameter and never states it; with either
+preset, α is the one that the scoring run fitted to the demonstrations.
 """
 
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """Settings of one training run, whatever the method.
+    """Settings of one training run, the same for every method.
 
     Parameters
     ----------
     seed:
-        Same seed, same machine, same policy, byte for byte.
+        The same seed on the same machine gives the same policy, byte for byte.
     steps:
-        Environment steps in all, rounded up to whole iterations.
+        Environment steps in total, rounded up to whole iterations.
     environments:
-        Environments driven side by side.
+        Environments stepped side by side.
     horizon:
         Steps that each environment takes per iteration.
     hidden:
         Units in each of the two hidden layers of every network.
     log_sigma:
-        Logarithm of the policy's deviation at the start, in half-widths of the action box.
+        Logarithm of the policy's standard deviation at the start, in half-widths of the action box.
     discount:
-        γ of the returns.
+        γ of the returns, at most 1.
     gae_lambda:
-        λ of the advantages; 0 is the paper's one-step form.
+        λ of the advantages, at most 1; 0 is the paper's one-step form.
     kl:
-        Bound on the mean KL divergence of one policy step.
+        Bound on the mean KL divergence of one policy step, in nats.
     damping:
         Added to the diagonal of the Fisher matrix.
     conjugate_steps:
@@ -65,7 +65,7 @@ class TrainSettings:
     fisher_share:
         Share of the rollout that the Fisher matrix is estimated on.
     entropy:
-        λ of the entropy bonus, in deviations of the advantage per nat.
+        λ of the entropy bonus, in standard deviations of the advantage per nat.
     critic_epochs:
         Passes over the rollout that fit the two critics.
     critic_batch:
@@ -73,37 +73,50 @@ class TrainSettings:
     critic_rate:
         Step size of the critics.
     discriminator_steps:
-        Steps of the discriminator per iteration.
+        Gradient steps of the discriminator per iteration.
     discriminator_batch:
-        Pairs of the policy, and as many of the experts, in one such step.
+        Pairs of the policy, and as many expert pairs, in one such step.
     discriminator_rate:
         Step size of the discriminator.
     gradient_penalty:
-        Beyond the paper: weight of (‖∇ logit‖ − 1)² between pairs of the policy and of the experts.
+        Beyond the paper: weight of (‖∇ logit‖ − 1)² between policy pairs and expert pairs.
     spectral_norm:
         Beyond the paper: every layer of the discriminator is 1-Lipschitz.
     eta:
-        η at the start, the weight of the shaping.
+        η at the start, the weight of the state reward (LCoR, CoR).
     eta_decay:
-        ε: η shrinks by it when V_D rises more than V_C.
-    centred:
-        Beyond the paper: the shaping minus its mean over the rollout, so that it pays nobody for
-        staying alive.
+        ε, at most 1: η is multiplied by it when V_D rises more than V_C.
+    centered:
+        Beyond the paper: the state reward minus its mean over the rollout, so that a constant
+        reward gives no survival bonus.
     pretrained:
-        Start from a behaviour-cloned policy.
+        Start from a behavior-cloned policy.
     cloning_steps:
-        Steps of behaviour cloning.
+        Gradient steps of behavior cloning.
     cloning_batch:
         Pairs in one such step.
     cloning_rate:
-        Step size of behaviour cloning at its start; falls to zero as a cosine.
+        Step size of behavior cloning at its start; it falls to zero as a cosine.
     boundary:
-        Iterations between checkpoints. Environments start anew at each, so that a resumed run
-        goes on as if it had never stopped.
+        Iterations between checkpoints. The environments are reset at each, so that a resumed run
+        goes on exactly as an uninterrupted one.
     evaluate_every:
         Iterations between evaluations of the mean action.
     evaluations:
-        Episodes of an evaluation, driven side by side.
+        Episodes of an evaluation, run side by side.
+
+    Raises
+    ------
+    InvalidInputError
+        For a number that is out of range.
+
+    Examples
+    --------
+    >>> TrainSettings(steps=5_000, environments=32, horizon=64).iterations
+    3
+    >>> TrainSettings(kl=0)
+    Traceback (most recent call last):
+    ssil_data.errors.InvalidInputError: kl: expected a number above 0, found 0
     """
 
     seed: int = 0
@@ -129,7 +142,7 @@ class TrainSettings:
     spectral_norm: bool = False
     eta: float = 1.0
     eta_decay: float = 0.99
-    centred: bool = True
+    centered: bool = True
     pretrained: bool = False
     cloning_steps: int = 2_000
     cloning_batch: int = 256
@@ -142,18 +155,22 @@ class TrainSettings:
         """Validate every number."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "log_sigma":
-                wrong = "" if math.isfinite(value) else "a finite number"
-            elif not math.isfinite(value) or value < 0:
-                wrong = "a number of at least 0"
-            elif value == 0 and field.name not in _MAY_BE_ZERO and field.type != "bool":
-                wrong = "a number above 0"
-            else:
-                wrong = "at most 1" if value > 1 and field.name in _AT_MOST_ONE else ""
-            if wrong:
-                raise InvalidInputError(f"{field.name}: expected {wrong}, found {value}")
+            required = _violated_range(field.name, value, is_switch=field.type == "bool")
+            if required:
+                raise InvalidInputError(f"{field.name}: expected {required}, found {value}")
 
     @property
     def iterations(self) -> int:
-        """How many iterations the steps make."""
+        """Number of iterations that the steps make."""
         return math.ceil(self.steps / (self.environments * self.horizon))
+
+
+def _violated_range(name: str, value: float, *, is_switch: bool) -> str:
+    """Return which range a setting leaves, in words; an empty text for one within its range."""
+    if name == "log_sigma":
+        return "" if math.isfinite(value) else "a finite number"
+    if not math.isfinite(value) or value < 0:
+        return "a number of at least 0"
+    if value == 0 and name not in _MAY_BE_ZERO and not is_switch:
+        return "a number above 0"
+    return "at most 1" if value > 1 and name in _AT_MOST_ONE else ""

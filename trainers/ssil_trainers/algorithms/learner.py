@@ -1,7 +1,8 @@
 """The adversarial loop of GAIL, MixGAIL and SSIL (Algorithm 1); they differ in what is passed in.
 
-Reward r(s, a) = −log D(s, a) + η · shaping(s), with D → 1 for the policy; each part has its own
-critic, V_D and V_C, and its own advantage, A = A_D + η A_C. It takes environments and imports none.
+The reward is r(s, a) = −log D(s, a) + η · shaping(s), with D → 1 for the policy. Each part has its
+own critic, V_D and V_C, and its own advantage: A = A_D + η A_C. The loop is given environments and
+imports none.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from ssil_data.features import Standardizer
-from ssil_trainers.algorithms.advantage import advantages
+from ssil_trainers.algorithms.advantage import compute_advantages
 from ssil_trainers.algorithms.behavior_cloning import clone
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
@@ -24,18 +25,35 @@ from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork, TwoCritics
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rewards import Shaping
-from ssil_trainers.algorithms.rollout import Driver, Rollout
+from ssil_trainers.algorithms.rollout import Rollout, RolloutCollector
 from ssil_trainers.algorithms.trpo import TrustRegion
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """What one iteration did.
+    """The figures of one iteration.
 
-    number: how many were done with it; steps: environment steps in all; eta: η after it; accuracy:
-    share of pairs that the discriminator told rightly; kl: of the policy step, 0 if none was taken;
-    discriminator_reward, shaping: means over the rollout, before it is centred; sigma: the policy's
-    mean deviation; ended: how many episodes ended.
+    Parameters
+    ----------
+    number:
+        How many iterations are done, this one included.
+    steps:
+        Environment steps so far.
+    eta:
+        η after the iteration, the weight of the state reward.
+    accuracy:
+        Share of pairs that the discriminator classified correctly; ½ means that it cannot separate
+        the policy from the experts.
+    kl:
+        Mean KL divergence of the policy step in nats, 0 if no step was taken.
+    discriminator_reward:
+        Mean of −log D over the rollout; higher means more expert-like.
+    shaping:
+        Mean of the state reward over the rollout, before it is centered.
+    sigma:
+        The policy's mean standard deviation, in half-widths of the action box.
+    ended:
+        How many episodes ended.
     """
 
     number: int
@@ -52,25 +70,75 @@ class Iteration:
 class Learner:
     """A policy, two critics and a discriminator, and one iteration of learning.
 
-    Everything random in iteration i is drawn from the seed and i alone, so a learner needs no
-    random state: its arrays and the number of iterations done are all there is to keep.
+    Everything random in iteration i is drawn from the seed and i alone. A learner therefore has no
+    random state: its arrays, η and the number of iterations done are all that a checkpoint needs.
+
+    Parameters
+    ----------
+    settings:
+        Settings of the run, with the method's own.
+    collector:
+        The environments to train in.
+    experts:
+        The expert pairs.
+    shaping:
+        The state reward, added with weight η.
+    standardizer:
+        Standardization of states for all networks.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> from ssil_trainers.algorithms.rewards import zero_reward
+    >>> mode = gymnasium.vector.AutoresetMode.SAME_STEP
+    >>> envs = gymnasium.make_vec("Pendulum-v1", 2, vector_kwargs={"autoreset_mode": mode})
+    >>> states = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32)
+    >>> learner = Learner(
+    ...     TrainSettings(environments=2, horizon=16, hidden=8),
+    ...     collector=RolloutCollector(envs),
+    ...     experts=ExpertSampler(states, states[:, :1].clip(-1, 1), np.ones(40, np.float32)),
+    ...     shaping=zero_reward,
+    ...     standardizer=Standardizer.of(states),
+    ... )
+    >>> learner.reset_environments()
+    >>> iteration = learner.iterate()
+    >>> iteration.number, iteration.steps, iteration.shaping
+    (1, 32, 0.0)
+    >>> learner.snapshot()(states).shape
+    (40, 1)
     """
 
     def __init__(
         self,
         settings: TrainSettings,
         *,
-        driver: Driver,
+        collector: RolloutCollector,
         experts: ExpertSampler,
         shaping: Shaping,
-        standardiser: Standardizer,
+        standardizer: Standardizer,
     ) -> None:
-        """Make untrained networks."""
-        self.settings, self.driver, self.experts = settings, driver, experts
-        self.shaping, self.standardiser = shaping, standardiser
-        self.done, self.eta = 0, settings.eta
-        self.initial = driver.states
-        states, actions, hidden = driver.width, len(driver.box.low), settings.hidden
+        """Initialize the networks from the seed."""
+        self.settings = settings
+        self.collector = collector
+        self.experts = experts
+        self.shaping = shaping
+        self.standardizer = standardizer
+        self.done = 0
+        self.eta = settings.eta
+        self.initial = collector.states
+        self.discriminator_update = DiscriminatorUpdate(
+            settings.discriminator_steps, settings.discriminator_batch, settings.gradient_penalty
+        )
+        self.trust_region = TrustRegion(
+            kl=settings.kl,
+            damping=settings.damping,
+            conjugate_steps=settings.conjugate_steps,
+            fisher_share=settings.fisher_share,
+            entropy=settings.entropy,
+        )
+        states = collector.state_width
+        actions = len(collector.action_box.low)
+        hidden = settings.hidden
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
             self.policy = PolicyNetwork(states, actions, hidden, settings.log_sigma)
@@ -78,56 +146,62 @@ class Learner:
             self.discriminator = Discriminator(
                 states, actions, hidden, spectral=settings.spectral_norm
             )
-        self.critic_adam = _adam(self.critics, settings.critic_rate)
-        self.discriminator_adam = _adam(self.discriminator, settings.discriminator_rate)
+        self.critic_adam = _make_adam(self.critics, settings.critic_rate)
+        self.discriminator_adam = _make_adam(self.discriminator, settings.discriminator_rate)
 
     def clone(self) -> float:
-        """Clone the experts' behaviour; return the squared error that is left."""
-        to = self.settings
+        """Train the policy by behavior cloning; return the squared error that is left."""
+        settings = self.settings
         return clone(
             self.policy,
             self.experts,
-            steps=to.cloning_steps,
-            batch=to.cloning_batch,
-            rate=to.cloning_rate,
-            rng=np.random.default_rng([to.seed, 0, 1]),
+            steps=settings.cloning_steps,
+            batch=settings.cloning_batch,
+            rate=settings.cloning_rate,
+            rng=np.random.default_rng([settings.seed, 0, 1]),
         )
 
-    def start_anew(self) -> None:
-        """Reset the environments to where iteration `done` of this seed starts."""
+    def reset_environments(self) -> None:
+        """Reset the environments to the states in which this seed's next iteration starts."""
         seed = np.random.SeedSequence([self.settings.seed, self.done, 2]).generate_state(1)[0]
-        self.initial = self.driver.reset(int(seed) % 2**31)
+        self.initial = self.collector.reset(int(seed) % 2**31)
 
     def iterate(self) -> Iteration:
-        """Do one iteration of Algorithm 1, lines 5 to 8."""
-        to, rng = self.settings, np.random.default_rng([self.settings.seed, self.done, 3])
-        noise = rng.standard_normal((to.horizon, to.environments, len(self.driver.box.low)))
-        rollout = self.driver.roll(self.snapshot(), noise.astype(np.float32))
-        states, next_states = (
-            self._standardize(rollout.states),
-            self._standardize(rollout.next_states),
-        )
-        pairs = torch.cat([states, _rows(rollout.actions)], dim=1)
+        """Do one iteration of Algorithm 1, lines 5 to 8; return its figures."""
+        settings = self.settings
+        rng = np.random.default_rng([settings.seed, self.done, 3])
 
-        teaching = DiscriminatorUpdate(
-            to.discriminator_steps, to.discriminator_batch, to.gradient_penalty
-        )
-        accuracy = teaching(
+        # Line 5: "Sample demonstrations τ_i ~ π_θi."
+        rollout = self._sample_rollout(rng)
+        states = self.standardize(rollout.states)
+        next_states = self.standardize(rollout.next_states)
+        pairs = torch.cat([states, _flatten_steps(rollout.actions)], dim=1)
+
+        # Line 6: "Update the discriminator with the gradient E_π[∇ log D] + E_E[∇ log(1 − D)]."
+        accuracy = self.discriminator_update(
             self.discriminator, self.discriminator_adam, pairs=pairs, experts=self.experts, rng=rng
         )
+
+        # Line 7: "Take a policy step, using the TRPO rule", with A = A_D + η A_C.
         with torch.no_grad():
             discriminator_reward = self.discriminator.reward(pairs).numpy()
-            values, next_values = self.critics(states).numpy(), self.critics(next_states).numpy()
-        shaping = self.shaping(rollout.states.reshape(-1, self.driver.width))
-        paid = shaping - shaping.mean() if to.centred else shaping
-        rewards = np.stack([discriminator_reward, paid])
-        advantage_d, advantage_c = both = self._advantages(rollout, rewards, values, next_values)
+            values = self.critics(states).numpy()
+            next_values = self.critics(next_states).numpy()
+        shaping = self.shaping(rollout.states.reshape(-1, self.collector.state_width))
+        state_reward = shaping - shaping.mean() if settings.centered else shaping
+        rewards = np.stack([discriminator_reward, state_reward])
+        advantages = self._compute_advantages(rollout, rewards, values, next_values)
+        advantage_d, advantage_c = advantages
+        step = self.trust_region.step(
+            self.policy,
+            states,
+            _flatten_steps(rollout.sampled_actions),
+            _normalize(advantage_d + self.eta * advantage_c),
+        )
 
-        region = TrustRegion(to.kl, to.damping, to.conjugate_steps, to.fisher_share, to.entropy)
-        advantage = _standard(advantage_d + self.eta * advantage_c)
-        step = region.step(self.policy, states, _rows(rollout.drawn), advantage)
-        rise_d, rise_c = self._fit_critics(states, values + both, rng)
-        self.eta = decay_eta(self.eta, to.eta_decay, rise_d=rise_d, rise_c=rise_c)
+        # Line 8: "Update η ← εη, when ΔV_D > ΔV_C."
+        rise_d, rise_c = self._fit_critics(states, values + advantages, rng)
+        self.eta = decay_eta(self.eta, settings.eta_decay, rise_d=rise_d, rise_c=rise_c)
         self.done += 1
         return Iteration(
             number=self.done,
@@ -141,11 +215,20 @@ class Learner:
             ended=int(rollout.ended.sum()),
         )
 
-    def _advantages(self, rollout: Rollout, *of_rows: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return A_D and A_C (2, T·N) of rewards, values and next values (2, T·N)."""
+    def _sample_rollout(self, rng: np.random.Generator) -> Rollout:
+        """Take `horizon` steps in every environment with the present policy and its noise."""
+        settings = self.settings
+        actions = len(self.collector.action_box.low)
+        noise = rng.standard_normal((settings.horizon, settings.environments, actions))
+        return self.collector.collect(self.snapshot(), noise.astype(np.float32))
+
+    def _compute_advantages(
+        self, rollout: Rollout, *arrays: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Return A_D and A_C (2, T·N) of rewards, values and next values, each (2, T·N)."""
         horizon, count = rollout.ended.shape
-        parts = advantages(
-            *(part.reshape(2, horizon, count).swapaxes(0, 1) for part in of_rows),
+        parts = compute_advantages(
+            *(array.reshape(2, horizon, count).swapaxes(0, 1) for array in arrays),
             terminated=rollout.terminated[:, None],
             ended=rollout.ended[:, None],
             discount=self.settings.discount,
@@ -157,80 +240,137 @@ class Learner:
         self, states: Tensor, targets: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[float, float]:
         """Fit V_D and V_C to targets (2, n); return how much each rose at the initial states."""
-        to, initial = self.settings, self._standardize(self.initial)
-        wanted = torch.from_numpy(targets.astype(np.float32))
+        settings = self.settings
+        initial = self.standardize(self.initial)
+        goals = torch.from_numpy(targets.astype(np.float32))
         with torch.no_grad():
             before = self.critics(initial).mean(dim=1)
-        for _ in range(to.critic_epochs):
+        for _ in range(settings.critic_epochs):
             order = torch.from_numpy(rng.permutation(len(states)))
-            for rows in order.split(to.critic_batch):
-                away = (self.critics(states[rows]) - wanted[:, rows]) / self.critics.unit
+            for rows in order.split(settings.critic_batch):
+                error = (self.critics(states[rows]) - goals[:, rows]) / self.critics.unit
                 self.critic_adam.zero_grad()
-                away.square().mean(dim=1).sum().backward()
+                error.square().mean(dim=1).sum().backward()
                 self.critic_adam.step()
         with torch.no_grad():
             rise_d, rise_c = (self.critics(initial).mean(dim=1) - before).tolist()
         return rise_d, rise_c
 
-    def snapshot(self, described: Mapping[str, Any] | None = None) -> Policy:
-        """Return the policy as it is now, as plain arrays."""
-        log_sigma = self.policy.log_sigma.detach().numpy().copy()
-        layers, box = self.policy.layers(), self.driver.box
-        return Policy(self.standardiser, layers, log_sigma, box, described or {})
+    def standardize(self, states: NDArray[np.float32]) -> Tensor:
+        """Map states (..., d) in raw units to the input of the networks, one row each, (n, d)."""
+        return torch.from_numpy(self.standardizer(states.reshape(-1, self.collector.state_width)))
+
+    def snapshot(self, metadata: Mapping[str, Any] | None = None) -> Policy:
+        """Return the present policy as plain arrays.
+
+        Parameters
+        ----------
+        metadata:
+            JSON about where it comes from, for a policy file.
+        """
+        return Policy(
+            standardizer=self.standardizer,
+            layers=self.policy.layers(),
+            log_sigma=self.policy.log_sigma.detach().numpy().copy(),
+            box=self.collector.action_box,
+            metadata=metadata or {},
+        )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return everything learned, and the optimisers' moments, by dotted names."""
+        """Return everything learned, and the optimizers' moments, by dotted names."""
         found: dict[str, NDArray[Any]] = {}
         for name, network in self._networks.items():
             for key, value in network.state_dict().items():
                 found[f"{name}.{key}"] = value.numpy().copy()
-        for name, optimiser in self._optimisers.items():
-            for number, moments in optimiser.state_dict()["state"].items():
+        for name, optimizer in self._optimizers.items():
+            for number, moments in optimizer.state_dict()["state"].items():
                 for key, value in moments.items():
                     found[f"{name}.{number}.{key}"] = value.numpy().copy()
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], *, done: int, eta: float) -> None:
-        """Take `arrays` of a learner of the same settings, after so many iterations, with its η."""
+        """Take over the state of a learner of the same settings.
+
+        Parameters
+        ----------
+        arrays:
+            What its `arrays` returned.
+        done:
+            How many iterations it had done.
+        eta:
+            Its η.
+        """
         tensors = {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
         for name, network in self._networks.items():
             network.load_state_dict({key: tensors[f"{name}.{key}"] for key in network.state_dict()})
-        for name, optimiser in self._optimisers.items():
+        for name, optimizer in self._optimizers.items():
             state: dict[int, dict[str, Tensor]] = {}
             for path, tensor in tensors.items():
                 if path.startswith(f"{name}."):
                     _, number, key = path.split(".")
                     state.setdefault(int(number), {})[key] = tensor
-            groups = optimiser.state_dict()["param_groups"]
-            optimiser.load_state_dict({"state": state, "param_groups": groups})
-        self.done, self.eta = done, eta
+            groups = optimizer.state_dict()["param_groups"]
+            optimizer.load_state_dict({"state": state, "param_groups": groups})
+        self.done = done
+        self.eta = eta
 
     @property
     def _networks(self) -> dict[str, nn.Module]:
-        names = ("policy", "critics", "discriminator")
-        return {name: getattr(self, name) for name in names}
+        """The networks by their names in a checkpoint."""
+        return {
+            "policy": self.policy,
+            "critics": self.critics,
+            "discriminator": self.discriminator,
+        }
 
     @property
-    def _optimisers(self) -> dict[str, torch.optim.Optimizer]:
-        return {name: getattr(self, name) for name in ("critic_adam", "discriminator_adam")}
-
-    def _standardize(self, states: NDArray[np.float32]) -> Tensor:
-        return torch.from_numpy(self.standardiser(states.reshape(-1, self.driver.width)))
+    def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """The optimizers by their names in a checkpoint."""
+        return {
+            "critic_adam": self.critic_adam,
+            "discriminator_adam": self.discriminator_adam,
+        }
 
 
 def decay_eta(eta: float, decay: float, *, rise_d: float, rise_c: float) -> float:
-    """Return ε·η if V_D rose more than V_C at the initial states, η otherwise (Algorithm 1)."""
+    """Return η for the next iteration: ε·η if V_D rose more than V_C, else η as it was.
+
+    As the policy becomes better by the discriminator's reward, the state reward counts less.
+
+    Parameters
+    ----------
+    eta:
+        η so far.
+    decay:
+        ε, from 0 to 1.
+    rise_d:
+        ΔV_D, how much the first critic's mean value at the initial states rose.
+    rise_c:
+        ΔV_C, the same of the second critic.
+
+    Notes
+    -----
+    Source: line 8 of Algorithm 1 of the SSIL paper.
+
+    Examples
+    --------
+    >>> decay_eta(1.0, 0.9, rise_d=0.2, rise_c=0.1), decay_eta(1.0, 0.9, rise_d=0.1, rise_c=0.2)
+    (0.9, 1.0)
+    """
     return decay * eta if rise_d > rise_c else eta
 
 
-def _adam(network: nn.Module, rate: float) -> torch.optim.Adam:
+def _make_adam(network: nn.Module, rate: float) -> torch.optim.Adam:
+    """Make an optimizer of all parameters of a network."""
     return torch.optim.Adam(network.parameters(), lr=rate, fused=True)
 
 
-def _rows(steps: NDArray[np.float32]) -> Tensor:
+def _flatten_steps(steps: NDArray[np.float32]) -> Tensor:
+    """Turn (T, N, k) into (T·N, k)."""
     return torch.from_numpy(steps.reshape(-1, steps.shape[-1]))
 
 
-def _standard(advantage: NDArray[np.float64]) -> Tensor:
+def _normalize(advantage: NDArray[np.float64]) -> Tensor:
+    """Shift and scale advantages (n,) to mean 0 and deviation 1."""
     away = advantage - advantage.mean()
     return torch.from_numpy((away / (away.std() + 1e-8)).astype(np.float32))

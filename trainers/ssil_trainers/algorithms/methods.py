@@ -1,11 +1,11 @@
-"""The methods as rows of one table: whom they imitate, and what a state earns beside."""
+"""Each method: which pairs are expert data, and which state reward is added to −log D."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,52 @@ from ssil_trainers.algorithms.rewards import (
     zero_reward,
 )
 
+MethodName = Literal[
+    "gail",
+    "gail-mixed",
+    "mixgail",
+    "ssil",
+    "gail-leverage",
+    "ssil-leverage",
+    "shuffled",
+    "constant",
+    "clone",
+    "clone-mixed",
+    "clone-leverage",
+]
+"""The names in `METHODS`, for the types of the command line; a test compares the two."""
+
 
 @dataclass(frozen=True, eq=False)
 class Demonstrations:
-    """n pairs in raw units, which are labeled, and what a run says of them if there is one.
+    """The pairs to learn from, which of them are labeled, and the leverage of a scoring run.
 
-    states (n, d), actions (n, k), labeled (n,) bool, leverage (n,) or None, field or None.
-    `threads`: of a field that is made here, None for all processors.
+    Parameters
+    ----------
+    states:
+        States, (n, d), in raw units.
+    actions:
+        Actions, (n, k), in raw units.
+    labeled:
+        Which pairs are labeled as expert demonstrations, (n,); at least one.
+    leverage:
+        Leverage of each pair by a scoring run, (n,), 1 for expert-like; None without a run.
+    field:
+        The leverage field of that run; None without a run.
+    threads:
+        Threads of a field that is made from these demonstrations; None for all processors.
+
+    Raises
+    ------
+    InvalidInputError
+        For unequal lengths, or without a labeled pair.
+
+    Examples
+    --------
+    >>> states = np.arange(4, dtype=np.float32)[:, None]
+    >>> demonstrations = Demonstrations(states, -states, np.array([True, True, False, False]))
+    >>> demonstrations.standardizer.shift
+    array([1.5], dtype=float32)
     """
 
     states: NDArray[np.float32]
@@ -42,109 +81,158 @@ class Demonstrations:
 
     def __post_init__(self) -> None:
         """Refuse unequal lengths, and demonstrations without a labeled pair."""
-        lengths = {len(self.states), len(self.actions), len(self.labeled)}
-        if len(lengths) > 1:
-            raise InvalidInputError(f"demonstrations: expected equal lengths, found {lengths}")
+        lengths = (len(self.states), len(self.actions), len(self.labeled))
+        if len(set(lengths)) > 1:
+            raise InvalidInputError(
+                f"demonstrations: states, actions and labels differ in length: {lengths}"
+            )
         if not self.labeled.any():
-            raise InvalidInputError("demonstrations: expected labeled pairs, found none")
+            raise InvalidInputError("demonstrations: no pair is labeled; label at least one")
 
     @property
     def standardizer(self) -> Standardizer:
-        """The standardisation by all demonstrations."""
+        """The standardization of states by all demonstrations."""
         return Standardizer.of(self.states)
 
-    def field_of(self, leverage: NDArray[np.float32], alpha: float) -> LeverageField:
-        """Return a field over these states, in this process, of leverage (n,)."""
+    def make_field(self, leverage: NDArray[np.float32], alpha: float) -> LeverageField:
+        """Make a leverage field over these states in this process.
+
+        Parameters
+        ----------
+        leverage:
+            Leverage of each pair, (n,).
+        alpha:
+            Sharpness of the kernel, above 0.
+        """
         return LeverageField(
             self.states, leverage, self.labeled, self.standardizer, alpha, threads=self.threads
         )
 
 
 Weights = Callable[[Demonstrations], NDArray[np.floating]]
-"""How much each pair is imitated, (n,)."""
+"""How much each pair is imitated, (n,), at least 0."""
 
 
-def imitate_labeled(of: Demonstrations) -> NDArray[np.floating]:
-    """Imitate the labeled pairs alone."""
-    return of.labeled.astype(np.float32)
+def imitate_labeled(demonstrations: Demonstrations) -> NDArray[np.floating]:
+    """Weight labeled pairs by 1 and unlabeled ones by 0."""
+    return demonstrations.labeled.astype(np.float32)
 
 
-def imitate_all(of: Demonstrations) -> NDArray[np.floating]:
-    """Imitate every pair, whoever made it."""
-    return np.ones(len(of.labeled), np.float32)
+def imitate_all(demonstrations: Demonstrations) -> NDArray[np.floating]:
+    """Weight every pair by 1, as if all were expert data."""
+    return np.ones(len(demonstrations.labeled), np.float32)
 
 
-def imitate_by_leverage(of: Demonstrations) -> NDArray[np.floating]:
-    """Imitate every pair as much as it is trusted."""
-    if of.leverage is None:
-        raise _NEEDS_RUN
-    return of.leverage
+def imitate_by_leverage(demonstrations: Demonstrations) -> NDArray[np.floating]:
+    """Weight every pair by its leverage."""
+    if demonstrations.leverage is None:
+        raise _MISSING_RUN
+    return demonstrations.leverage
 
 
-def no_shaping(of: Demonstrations, seed: int) -> Shaping:
-    """Pay zero_reward beside the discriminator's reward."""
+def no_shaping(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add nothing to the discriminator's reward (GAIL)."""
     return zero_reward
 
 
-def shape_by_cor(of: Demonstrations, seed: int) -> Shaping:
-    """Pay CoR, with the unlabeled states as the negative ones; without a run, α is fitted here."""
-    field = of.field
+def shape_by_cor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add CoR, with the unlabeled states as the negative ones (MixGAIL).
+
+    Without a run, the sharpness of the kernel is fitted to the demonstrations here.
+    """
+    field = demonstrations.field
     if field is None:
-        alpha = auto_alpha(of.standardizer(of.states))
-        field = of.field_of(of.labeled.astype(np.float32), alpha)
+        alpha = auto_alpha(demonstrations.standardizer(demonstrations.states))
+        field = demonstrations.make_field(demonstrations.labeled.astype(np.float32), alpha)
     return constraint_reward(field)
 
 
-def shape_by_lcor(of: Demonstrations, seed: int) -> Shaping:
-    """Pay LCoR."""
-    if of.field is None:
-        raise _NEEDS_RUN
-    return leverage_constraint_reward(of.field)
+def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add LCoR (SSIL)."""
+    if demonstrations.field is None:
+        raise _MISSING_RUN
+    return leverage_constraint_reward(demonstrations.field)
 
 
-def shape_by_shuffled_lcor(of: Demonstrations, seed: int) -> Shaping:
-    """Pay LCoR of the same leverage values, each given to another pair at random."""
-    if of.field is None or of.leverage is None:
-        raise _NEEDS_RUN
-    mixed = np.random.default_rng([seed, 4]).permutation(of.leverage)
-    return leverage_constraint_reward(of.field_of(mixed, of.field.alpha))
+def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add LCoR of the same leverage values, each given to another pair at random: a control."""
+    field = demonstrations.field
+    if field is None or demonstrations.leverage is None:
+        raise _MISSING_RUN
+    shuffled = np.random.default_rng([seed, 4]).permutation(demonstrations.leverage)
+    return leverage_constraint_reward(demonstrations.make_field(shuffled, field.alpha))
 
 
 @dataclass(frozen=True)
 class Method:
-    """One row: the pairs imitated, the shaping, and the settings that make it what it is."""
+    """One method: the weights of the expert pairs, the state reward, and settings it needs.
 
-    experts: Weights
+    Parameters
+    ----------
+    expert_weights:
+        How much each pair is imitated.
+    shaping:
+        Makes the state reward from demonstrations and a seed.
+    fixed_settings:
+        Settings without which the method would be another one, by name.
+
+    Examples
+    --------
+    >>> METHODS["ssil"].requires_run, METHODS["mixgail"].requires_run
+    (True, False)
+    >>> METHODS["clone"].override(TrainSettings()).iterations  # nothing after cloning
+    0
+    """
+
+    expert_weights: Weights
     shaping: Callable[[Demonstrations, int], Shaping] = no_shaping
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    fixed_settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def takes_run(self) -> bool:
-        """Whether a scoring run means anything to it."""
-        return self.experts is imitate_by_leverage or self.shaping is not no_shaping
+    def uses_run(self) -> bool:
+        """Whether a scoring run changes the result."""
+        return self.expert_weights is imitate_by_leverage or self.shaping is not no_shaping
 
     @property
-    def needs_run(self) -> bool:
-        """Whether it asks for leverage; CoR knows which pairs are labeled and no more."""
-        return self.takes_run and self.shaping is not shape_by_cor
+    def requires_run(self) -> bool:
+        """Whether it needs leverage. CoR needs only the labels, so MixGAIL works without a run."""
+        return self.uses_run and self.shaping is not shape_by_cor
 
-    def settings(self, given: TrainSettings) -> TrainSettings:
-        """Return the settings with those that make the method."""
-        return replace(given, **self.fixed)
+    def override(self, settings: TrainSettings) -> TrainSettings:
+        """Return the settings with the method's own in place of the given ones."""
+        return replace(settings, **self.fixed_settings)
 
     def expert_sampler(
-        self, of: Demonstrations, box: ActionBox, standardiser: Standardizer
+        self, demonstrations: Demonstrations, box: ActionBox, standardizer: Standardizer
     ) -> ExpertSampler:
-        """Return the pairs imitated, as the networks see them."""
-        weight = np.asarray(self.experts(of), np.float32)
-        kept = weight > 0
-        states, actions = standardiser(of.states[kept]), box.to_unit(of.actions[kept])
-        return ExpertSampler(states, actions, weight[kept])
+        """Select the expert pairs of the method and map them to the inputs of the networks.
+
+        Parameters
+        ----------
+        demonstrations:
+            All pairs.
+        box:
+            Range of the environment's actions.
+        standardizer:
+            Standardization of states.
+
+        Returns
+        -------
+        :
+            The pairs of positive weight.
+        """
+        weights = np.asarray(self.expert_weights(demonstrations), np.float32)
+        kept = weights > 0
+        return ExpertSampler(
+            states=standardizer(demonstrations.states[kept]),
+            actions=box.to_unit(demonstrations.actions[kept]),
+            weights=weights[kept],
+        )
 
 
-_CLONED = {"steps": 0, "pretrained": True}
-_CONSTANT = {"discriminator_steps": 0, "spectral_norm": False}
-"""A discriminator that learns zero_reward says ½ for ever: the reward is log 2 for every step."""
+_CLONE_ONLY = {"steps": 0, "pretrained": True}
+_CONSTANT_REWARD = {"discriminator_steps": 0, "spectral_norm": False}
+"""A discriminator that is never trained says ½ everywhere: the reward is log 2 at every step."""
 
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
@@ -155,12 +243,12 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "gail-leverage": Method(imitate_by_leverage),
         "ssil-leverage": Method(imitate_by_leverage, shape_by_lcor),
         "shuffled": Method(imitate_labeled, shape_by_shuffled_lcor),
-        "constant": Method(imitate_labeled, fixed=_CONSTANT),
-        "clone": Method(imitate_labeled, fixed=_CLONED),
-        "clone-mixed": Method(imitate_all, fixed=_CLONED),
-        "clone-leverage": Method(imitate_by_leverage, fixed=_CLONED),
+        "constant": Method(imitate_labeled, fixed_settings=_CONSTANT_REWARD),
+        "clone": Method(imitate_labeled, fixed_settings=_CLONE_ONLY),
+        "clone-mixed": Method(imitate_all, fixed_settings=_CLONE_ONLY),
+        "clone-leverage": Method(imitate_by_leverage, fixed_settings=_CLONE_ONLY),
     }
 )
-"""Every method by the name that the command knows it by."""
+"""Every method by the name that the command uses."""
 
-_NEEDS_RUN = InvalidInputError("method: expected a run, whose leverage it asks for, found none")
+_MISSING_RUN = InvalidInputError("method: needs the leverage of a scoring run; name one")

@@ -1,4 +1,4 @@
-"""Driving environments side by side and keeping what happened; knows no particular environment."""
+"""Stepping vector environments with a policy and recording the steps; imports no simulator."""
 
 from __future__ import annotations
 
@@ -16,30 +16,69 @@ from ssil_trainers.algorithms.policy import ActionBox, Policy
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """T steps of N environments; the environments' own rewards are not kept.
+    """T steps of N environments. The environments' own rewards are not recorded.
 
-    states (T, N, d) in raw units, next_states (T, N, d): what each action led to, also where the
-    episode ended there. drawn (T, N, k): unit actions as the policy drew them; actions (T, N, k):
-    the same clipped, as driven. terminated (T, N): a real end; ended (T, N): that or a time limit.
+    Parameters
+    ----------
+    states:
+        States in which the steps began, (T, N, d), in raw units.
+    next_states:
+        States that the actions led to, (T, N, d): the last state of an episode where it ended, not
+        the first one of the next episode.
+    sampled_actions:
+        Unit actions as the policy sampled them, (T, N, k), not clipped.
+    actions:
+        The same clipped to [−1, 1], as they were taken.
+    terminated:
+        Where an episode really ended, (T, N).
+    ended:
+        Where it ended in any way, by a real end or by a time limit, (T, N).
     """
 
     states: NDArray[np.float32]
     next_states: NDArray[np.float32]
-    drawn: NDArray[np.float32]
+    sampled_actions: NDArray[np.float32]
     actions: NDArray[np.float32]
     terminated: NDArray[np.bool_]
     ended: NDArray[np.bool_]
 
 
-class Driver:
-    """N environments of one kind, and the states they are in."""
+class RolloutCollector:
+    """N environments of one kind, the states they are in, and the steps taken from there.
+
+    Parameters
+    ----------
+    envs:
+        Vector environment with one-dimensional `Box` spaces that resets an ended episode in the
+        same step (`AutoresetMode.SAME_STEP`).
+
+    Raises
+    ------
+    InvalidInputError
+        For other spaces or another autoreset mode.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> envs = gymnasium.make_vec(
+    ...     "Pendulum-v1", 2, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
+    ... )
+    >>> collector = RolloutCollector(envs)
+    >>> collector.reset(seed=0).shape
+    (2, 3)
+    >>> collector.action_box.low, collector.action_box.high
+    (array([-2.], dtype=float32), array([2.], dtype=float32))
+    """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Refuse environments that the loop cannot drive; raises InvalidInputError."""
-        states, actions = envs.single_observation_space, envs.single_action_space
+        """Check the spaces; the states are known after `reset`."""
+        states = envs.single_observation_space
+        actions = envs.single_action_space
         for name, space in (("state", states), ("action", actions)):
             if not isinstance(space, Box) or len(space.shape) != 1:
-                raise InvalidInputError(f"{name} space: expected a Box of one row, found {space}")
+                raise InvalidInputError(
+                    f"{name} space: expected a one-dimensional Box, found {space}"
+                )
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise InvalidInputError(
@@ -47,25 +86,56 @@ class Driver:
                 f"reset, found {mode}"
             )
         assert isinstance(actions, Box) and isinstance(states, Box)
-        self.width = states.shape[0]
-        self.box = ActionBox(actions.low.astype(np.float32), actions.high.astype(np.float32))
+        self.state_width = states.shape[0]
+        self.action_box = ActionBox(actions.low.astype(np.float32), actions.high.astype(np.float32))
         self.envs = envs
-        self.states = np.zeros((envs.num_envs, self.width), np.float32)
+        self.states = np.zeros((envs.num_envs, self.state_width), np.float32)
 
     def reset(self, seed: int) -> NDArray[np.float32]:
-        """Start every environment anew and return the initial states (N, d)."""
+        """Reset every environment.
+
+        Parameters
+        ----------
+        seed:
+            Seed of the environments.
+
+        Returns
+        -------
+        :
+            The initial states, (N, d).
+
+        Raises
+        ------
+        InvalidInputError
+            For a state that is not finite.
+        """
         states, _ = self.envs.reset(seed=seed)
         self.states = np.array(states, np.float32)
-        _refuse_unknown("states", self.states)
+        _refuse_nonfinite("states", self.states)
         return self.states
 
-    def roll(self, policy: Policy, noise: NDArray[np.float32]) -> Rollout:
-        """Drive on for T steps; `noise` (T, N, k) is standard normal.
+    def collect(self, policy: Policy, noise: NDArray[np.float32]) -> Rollout:
+        """Take T steps with actions mean(s) + σ · noise, going on from the present states.
 
-        Raises InvalidInputError for a state that is not finite.
+        Parameters
+        ----------
+        policy:
+            The policy that acts.
+        noise:
+            Standard normal numbers, (T, N, k).
+
+        Returns
+        -------
+        :
+            The steps taken.
+
+        Raises
+        ------
+        InvalidInputError
+            For a state that is not finite.
         """
         horizon, count, _ = noise.shape
-        states = np.empty((horizon, count, self.width), np.float32)
+        states = np.empty((horizon, count, self.state_width), np.float32)
         next_states = np.empty_like(states)
         means = np.empty_like(noise)
         terminated = np.empty((horizon, count), bool)
@@ -74,46 +144,81 @@ class Driver:
         for t in range(horizon):
             states[t] = self.states
             means[t] = policy.mean(self.states)
-            action = self.box.of_unit(means[t] + sigma * noise[t])
+            action = self.action_box.from_unit(means[t] + sigma * noise[t])
             observed, _, terminated[t], truncated, info = self.envs.step(action)
             self.states = np.array(observed, np.float32)
             ended[t] = terminated[t] | truncated
             next_states[t] = self.states
+            # An ended environment is already in its next episode: its last state is in the info.
             for row in np.flatnonzero(ended[t]):
                 next_states[t, row] = info["final_obs"][row]
-            _refuse_unknown("states", next_states[t], self.states)
-        drawn = means + sigma * noise
-        return Rollout(states, next_states, drawn, np.clip(drawn, -1, 1), terminated, ended)
+            _refuse_nonfinite("states", next_states[t], self.states)
+        sampled = means + sigma * noise
+        actions = np.clip(sampled, -1, 1)
+        return Rollout(states, next_states, sampled, actions, terminated, ended)
 
 
-def returns(
+def measure_returns(
     policy: Policy, envs: VectorEnv[Any, Any, Any], *, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Drive one episode in every environment by the mean action; return returns and lengths.
+    """Run an episode in every environment with the mean action; higher returns are better.
 
-    Both (N,). For evaluation only: it reads the environment's reward. Raises InvalidInputError for
-    a state or reward that is not finite.
+    For evaluation only: nothing else reads the environment's reward.
+
+    Parameters
+    ----------
+    policy:
+        The policy that acts, without noise.
+    envs:
+        N environments, as `RolloutCollector` takes them.
+    seed:
+        Seed of the environments.
+
+    Returns
+    -------
+    :
+        Sum of rewards (N,) and number of steps (N,) of each environment's first episode.
+
+    Raises
+    ------
+    InvalidInputError
+        For a state or reward that is not finite.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> envs = gymnasium.make_vec(
+    ...     "Pendulum-v1", 2, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
+    ... )
+    >>> from ssil_data.features import Standardizer
+    >>> layer = (np.zeros((3, 1), np.float32), np.zeros(1, np.float32))
+    >>> standardizer = Standardizer(np.zeros(3, np.float32), np.ones(3, np.float32))
+    >>> policy = Policy(
+    ...     standardizer, (layer,), np.zeros(1, np.float32), RolloutCollector(envs).action_box
+    ... )
+    >>> returns, lengths = measure_returns(policy, envs, seed=0)
+    >>> bool((returns < 0).all()), lengths.tolist()
+    (True, [200, 200])
     """
-    driver = Driver(envs)
-    driver.reset(seed)
+    collector = RolloutCollector(envs)
+    collector.reset(seed)
     total = np.zeros(envs.num_envs)
     length = np.zeros(envs.num_envs, np.int64)
-    going = np.ones(envs.num_envs, bool)
-    while going.any():
-        observed, reward, terminated, truncated, _ = envs.step(policy(driver.states))
-        driver.states = np.array(observed, np.float32)
-        _refuse_unknown("states", driver.states)
-        _refuse_unknown("rewards", np.asarray(reward))
-        total[going] += np.asarray(reward, np.float64)[going]
-        length[going] += 1
-        going &= ~(terminated | truncated)
+    running = np.ones(envs.num_envs, bool)
+    while running.any():
+        observed, reward, terminated, truncated, _ = envs.step(policy(collector.states))
+        collector.states = np.array(observed, np.float32)
+        _refuse_nonfinite("states", collector.states)
+        _refuse_nonfinite("rewards", np.asarray(reward))
+        total[running] += np.asarray(reward, np.float64)[running]
+        length[running] += 1
+        running &= ~(terminated | truncated)
     return total, length
 
 
-def _refuse_unknown(what: str, *found: NDArray[Any]) -> None:
-    for values in found:
+def _refuse_nonfinite(what: str, *arrays: NDArray[Any]) -> None:
+    """Raise InvalidInputError that names the first number that is not finite."""
+    for values in arrays:
         if not np.isfinite(values).all():
-            rows = np.argwhere(~np.isfinite(values))[0]
-            raise InvalidInputError(
-                f"environment: expected finite {what}, found {values[tuple(rows)]}"
-            )
+            place = tuple(np.argwhere(~np.isfinite(values))[0])
+            raise InvalidInputError(f"environment: expected finite {what}, found {values[place]}")

@@ -1,4 +1,4 @@
-"""The command `ssil-data evaluate`: what a policy file does on the real environment."""
+"""The command `ssil-data evaluate`: how well a policy file does in the real environment."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from ssil_data.commands.output import AsJson, print_json, print_table, progress
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.envs.registry import make_single
-
-Picture = Callable[[NDArray[np.uint8]], None]
+from ssil_trainers.training.evaluation import check_policy_fits, drive_episode
 
 
 def evaluate(
-    policy: Path,
+    policy_file: Path,
     /,
     *,
     env: str | None = None,
@@ -28,98 +27,91 @@ def evaluate(
     video: Path | None = None,
     json: AsJson = False,
 ) -> None:
-    """Drive the real environment by a policy's mean action, and say how well it did.
+    """Run a policy's mean action in the real environment, and report its returns.
 
     Parameters
     ----------
-    policy:
+    policy_file:
         The policy file that `train` wrote.
     env:
-        racetrack, rc-lidar or a gymnasium id, instead of the one it was trained on.
+        racetrack, rc-lidar or a gymnasium id, instead of the one it was trained in.
     episodes:
-        How many to drive.
+        Number of episodes.
     seed:
-        Seed of the first; the others count on.
+        Seed of the first episode; the next ones have the following seeds.
     video:
-        Also write the first as an mp4 film.
+        Also write the first episode as an mp4 video.
     """
     if episodes < 1:
         raise InvalidInputError(f"episodes: expected at least 1, found {episodes}")
     if video is not None and video.suffix != ".mp4":
         raise InvalidInputError(f"video: expected a file name ending in .mp4, found {video}")
-    driver = Policy.load(policy)
-    task = env or driver.described["origin"]["env"]
-    world = make_single(task)
-    refuse_unfit(driver, world)
+    policy = Policy.load(policy_file)
+    task = env or policy.metadata["origin"]["env"]
+    environment = make_single(task)
+    check_policy_fits(policy, environment)
     with progress() as report:
-        driven = []
+        results = []
         for number in range(episodes):
-            driven.append(drive(driver, world, seed=seed + number))
+            results.append(drive_episode(policy, environment, seed=seed + number))
             report(f"drive {task}", number + 1, episodes)
         if video is not None:
-            _, frames = driven[0]
-            film(driver, task, video, seed=seed, tell=lambda n: report("film", n, frames))
-    world.close()
-    result = _summary(task, np.array(driven), driver.described.get("expert_return"))
+            _, frames = results[0]
+            record_video(
+                policy, task, video, seed=seed, report=lambda n: report("video", n, frames)
+            )
+    environment.close()
+    summary = _summarize(task, np.array(results), policy.metadata.get("expert_return"))
     if json:
-        print_json({**result, "returns": [total for total, _ in driven], "seed": seed})
+        print_json({**summary, "returns": [total for total, _ in results], "seed": seed})
     else:
-        print_table(f"{policy} on {task}", [result])
+        print_table(f"{policy_file} on {task}", [summary])
 
 
-def drive(
-    policy: Policy, env: Any, *, seed: int, picture: Picture | None = None
-) -> tuple[float, int]:
-    """Drive one episode by the mean action; return the sum of its rewards and its length."""
-    state, _ = env.reset(seed=seed)
-    total, length, ended = 0.0, 0, False
-    while not ended:
-        state, reward, terminated, truncated, _ = env.step(
-            policy(np.asarray(state, np.float32)[None])[0]
-        )
-        total, length, ended = total + float(reward), length + 1, terminated or truncated
-        if picture is not None:
-            picture(env.render())
-    return total, length
-
-
-def film(
+def record_video(
     policy: Policy,
     task: str,
     path: Path,
     *,
     seed: int,
-    tell: Callable[[int], None] = lambda frames: None,
+    report: Callable[[int], None] = lambda frames: None,
 ) -> None:
-    """Write one episode as an mp4 film, telling how many frames it has so far."""
+    """Write one episode as an mp4 video.
+
+    Parameters
+    ----------
+    policy:
+        The policy that acts, without noise.
+    task:
+        The environment, as `make_single` takes it.
+    path:
+        The file; its folder is made if it is missing.
+    seed:
+        Seed of the episode.
+    report:
+        Called after each frame with the number of frames so far.
+    """
     import imageio.v2 as imageio
 
     env = make_single(task, render_mode="rgb_array")
     rate = env.metadata.get("render_fps", 30)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with imageio.get_writer(path, fps=rate, macro_block_size=2) as frames:
+    with imageio.get_writer(path, fps=rate, macro_block_size=2) as video:
         numbers = count(1)
 
-        def picture(shown: NDArray[np.uint8]) -> None:
-            frames.append_data(shown)  # pyright: ignore[reportAttributeAccessIssue]
-            tell(next(numbers))
+        def append(frame: NDArray[np.uint8]) -> None:
+            video.append_data(frame)  # pyright: ignore[reportAttributeAccessIssue]
+            report(next(numbers))
 
-        drive(policy, env, seed=seed, picture=picture)
+        drive_episode(policy, env, seed=seed, frame_sink=append)
     env.close()
 
 
-def refuse_unfit(policy: Policy, env: Any) -> None:
-    """Raise InvalidInputError if the policy was made for other states or actions."""
-    found = env.observation_space.shape, env.action_space.shape
-    expected = (policy.standardiser.width,), policy.log_sigma.shape
-    if found != expected:
-        raise InvalidInputError(
-            f"policy: expected state and action shapes {found} of the environment, found {expected}"
-        )
-
-
-def _summary(task: str, driven: NDArray[np.float64], expert_return: float | None) -> dict[str, Any]:
-    total, length = driven.T
+def _summarize(
+    task: str, results: NDArray[np.float64], expert_return: float | None
+) -> dict[str, Any]:
+    """Return the figures of episodes (n, 2): their returns and lengths."""
+    total, length = results.T
     return {
         "env": task,
         "episodes": len(total),

@@ -1,4 +1,4 @@
-"""Learning curves and final scores as Vega-Lite specs; titles of methods are data, never fields."""
+"""Learning curves and final scores as Vega-Lite specs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import altair as alt
 import numpy as np
 
 from ssil_data.report.look import Spec, build_spec, title
-from ssil_trainers.experiments import paper
-from ssil_trainers.experiments.protocol import Table
-from ssil_trainers.experiments.results import Results, curve
+from ssil_trainers.experiments import published
+from ssil_trainers.experiments.results import Results, learning_curve
+from ssil_trainers.experiments.tables import Table
 
-_COLOURS = {
+_COLORS = {
     "gail-mixed": "#a3a9b2",
     "gail": "#6b7280",
     "mixgail": "#d1495b",
@@ -29,24 +29,31 @@ _COLOURS = {
     "clone-mixed": "#c9b458",
     "clone-leverage-windowvae": "#3f7d4f",
 }
-_OTHER = "#888888"
+OTHER_COLOR = "#888888"
 
 
 def curves(table: Table, results: Results) -> Spec:
-    """Draw the mean score over seeds against environment steps, with the band from least to most.
+    """Draw the mean score over seeds against environment steps, with a band from least to most.
 
-    A clone does not train on; its score is drawn as a level line.
+    A cloned policy is not trained further; its score is drawn as a horizontal line.
+
+    Parameters
+    ----------
+    table:
+        The table.
+    results:
+        Its results.
     """
     rows = [
         {"labels": _name(labels), "method": row.title, **point}
         for labels in table.labels
         for row in table.rows
-        for point in _points(results.of(table, row, labels), results.budget(table))
+        for point in _points(results.records_of(table, row, labels), results.budget(table))
     ]
     chosen = alt.selection_point(fields=["method"], bind="legend")
     base = alt.Chart().encode(
         x=alt.X("steps:Q", title="Environment steps", axis=alt.Axis(format="~s", tickCount=6)),
-        color=_colour(table),
+        color=method_color(table),
     )
     band = base.mark_area(opacity=0.16).encode(
         y=alt.Y("least:Q", title="Score where it trains"),
@@ -70,36 +77,44 @@ def curves(table: Table, results: Results) -> Spec:
 
 
 def finals(table: Table, results: Results) -> Spec:
-    """Draw interquartile means of final scores with their intervals, and the paper's numbers."""
+    """Draw interquartile means of final scores with their intervals, and the paper's numbers.
+
+    Parameters
+    ----------
+    table:
+        The table.
+    results:
+        Its results.
+    """
     rows = []
     for labels in table.labels:
         for row in table.rows:
             summary = results.summary(table, row, labels)
             if summary is None:
                 continue
-            published, _ = paper.SCORES.get((table.name, labels, row.key), (None, None))
+            paper, _ = published.SCORES.get((table.name, labels, row.key), (None, None))
             at = {"labels": _name(labels), "method": row.title}
             middle = summary.interquartile_mean
             rows.append(
-                {**at, "x": middle, "low": summary.low, "high": summary.high, "paper": published}
+                {**at, "x": middle, "low": summary.low, "high": summary.high, "paper": paper}
             )
     order = [row.title for row in table.rows]
     place = alt.Y("method:N", sort=order, title=None)
-    base = alt.Chart().encode(y=place, color=_colour(table, legend=False))
+    base = alt.Chart().encode(y=place, color=method_color(table, legend=False))
     interval = base.mark_rule(strokeWidth=3, opacity=0.6).encode(
         x=alt.X("low:Q", title="Score on the real environment"), x2="high:Q"
     )
     middle = base.mark_tick(thickness=3, size=16).encode(x="x:Q")
-    published = base.mark_point(shape="diamond", size=60, strokeWidth=1.5).encode(
+    diamond = base.mark_point(shape="diamond", size=60, strokeWidth=1.5).encode(
         x="paper:Q", tooltip=[alt.Tooltip("paper:Q", title="Paper", format=".3f")]
     )
-    chart = _facet(alt.layer(interval, middle, published), table, "finals", height=210)
+    chart = _facet(alt.layer(interval, middle, diamond), table, "finals", height=210)
     text = "Final scores: interquartile mean and 95 % interval; diamonds are the paper's"
     return build_spec(chart.properties(title=title(text)), {"finals": rows})
 
 
 def _facet(layers: Any, table: Table, data: str, *, height: int) -> Any:
-    """Return a panel for every number of labels, two beside each other."""
+    """Return a panel for each number of labels, two side by side."""
     several = len(table.labels) > 1
     panel = layers.properties(width=440 if several else 860, height=height)
     names = [_name(labels) for labels in table.labels]
@@ -108,10 +123,19 @@ def _facet(layers: Any, table: Table, data: str, *, height: int) -> Any:
     return panel.facet(data=alt.NamedData(data), facet=facet, columns=2)
 
 
-def _colour(table: Table, *, legend: bool = True) -> alt.Color:
+def method_color(table: Table, *, legend: bool = True) -> alt.Color:
+    """Return the color scale of a table's methods, each with its own color.
+
+    Parameters
+    ----------
+    table:
+        The table.
+    legend:
+        Whether to draw a legend, in which a method can be clicked.
+    """
     scale = alt.Scale(
         domain=[row.title for row in table.rows],
-        range=[_COLOURS.get(row.key, _OTHER) for row in table.rows],
+        range=[_COLORS.get(row.key, OTHER_COLOR) for row in table.rows],
     )
     shown = None
     if legend:
@@ -120,14 +144,15 @@ def _colour(table: Table, *, legend: bool = True) -> alt.Color:
 
 
 def _points(records: Sequence[Mapping[str, Any]], budget: int) -> list[dict[str, float]]:
-    """Return mean, least and most of the seeds' scores at every evaluation."""
+    """Return mean, least and most of the scores over seeds at each evaluation."""
     if not records:
         return []
-    found = [curve(record) for record in records]
+    found = [learning_curve(record) for record in records]
     steps = found[0].steps
     scores = np.array([one.scores for one in found])
     if len(steps) == 1:
-        steps, scores = (0, budget), np.repeat(scores, 2, axis=1)
+        steps = (0, budget)
+        scores = np.repeat(scores, 2, axis=1)
     columns = zip(steps, scores.mean(0), scores.min(0), scores.max(0), strict=True)
     return [
         {"steps": at, "mean": float(mean), "least": float(least), "most": float(most)}
@@ -136,4 +161,5 @@ def _points(records: Sequence[Mapping[str, Any]], budget: int) -> list[dict[str,
 
 
 def _name(labels: int | None) -> str:
+    """Name a panel."""
     return "all labels" if labels is None else f"{labels:,} labels"

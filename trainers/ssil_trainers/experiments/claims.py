@@ -1,21 +1,22 @@
-"""What the paper claims of its experiments, and what its controls ask, each with its rule.
+"""The paper's claims about its experiments, and our controls, each with the rule that judges it.
 
-A factor is the one the text states, 1 where it states none or a range over several numbers of
-labels; where the paper's own table says otherwise, a note tells. Claims that a number is "similar"
-to another, and opinions, are left out. The paper's RC scores are maxima, ours are final ones.
+A factor is the one the text states; it is 1 where the text states none, or a range over several
+numbers of labels. Where the paper's own table says otherwise, a note says so. Claims that a number
+is "similar" to another, and opinions, are left out. The paper's RC scores are maxima over training,
+ours are final ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssil_trainers.experiments.ledger import Claim, Exceeds, Rises, Steadier
-from ssil_trainers.experiments.protocol import (
+from ssil_trainers.experiments.tables import (
     FEW_LABELS,
     RACETRACK,
     RC_LIDAR,
     RC_LIDAR_TIGHT,
 )
+from ssil_trainers.experiments.verdicts import Claim, Exceeds, Rises, Steadier
 
 _TITLES = {
     "gail-mixed": "GAIL (mixed)",
@@ -27,7 +28,7 @@ _TITLES = {
     "ssil-windowvae": "SSIL (windowVAE)",
     "shuffled-windowvae": "SSIL with shuffled leverage",
     "constant": "a constant reward",
-    "clone": "behaviour cloning",
+    "clone": "behavior cloning",
     "gail-leverage-windowvae": "GAIL of all by leverage",
     "ssil-leverage-windowvae": "SSIL of all by leverage",
     "clone-mixed": "cloning of all",
@@ -117,7 +118,7 @@ _BY_LEVERAGE = [
 
 
 def claims() -> Iterator[Claim]:
-    """Go through the paper's claims in its order."""
+    """Yield the paper's claims in its order."""
     yield from _introduction()
     for where, found in _RACETRACK_FACTORS.items():
         for labels, better, worse, factor, note in found:
@@ -139,7 +140,7 @@ def claims() -> Iterator[Claim]:
 
 
 def controls() -> Iterator[Claim]:
-    """Go through what the paper does not ask: does leverage, or learning at all, add anything?"""
+    """Yield our controls: does leverage, or learning at all, add anything?"""
     for table in (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT):
         for labels in table.labels:
             name = f"RC car, {table.budget:,} steps" if labels is None else f"{labels:,} labels"
@@ -159,7 +160,10 @@ def controls() -> Iterator[Claim]:
 
 
 def _introduction() -> Iterator[Claim]:
-    """Read its "SSIL" as SSIL (VAE); what it says of 300 and 600 labels comes again below."""
+    """Yield the introduction's claims; its "SSIL" is read as SSIL (VAE).
+
+    What it says about 300 and 600 labels is among the later claims.
+    """
     rule = Exceeds(RACETRACK.name, 1_200, "ssil-vae", "mixgail")
     statement = f"more labels than .61 % of all (1,200): {_sentence(rule)}"
     yield Claim(statement, "Introduction", rule, _OTHERWISE)
@@ -169,6 +173,7 @@ def _introduction() -> Iterator[Claim]:
 
 
 def _steadier_than_gail(where: str) -> Iterator[Claim]:
+    """Yield the claims that SSIL's scores deviate less than GAIL's."""
     for labels in (600, 1_200):
         for steadier in ("ssil-vae", "ssil-windowvae"):
             statement = f"{labels:,} labels: {_TITLES[steadier]} deviates less than GAIL (mixed)"
@@ -177,7 +182,7 @@ def _steadier_than_gail(where: str) -> Iterator[Claim]:
 
 
 def _scarce_labels() -> Iterator[Claim]:
-    """Read the conclusion's "SSIL" as SSIL (VAE), which the text before calls the best one."""
+    """Yield the conclusion's claims; its "SSIL" is read as SSIL (VAE), which it calls the best."""
     for baseline in ("gail", "gail-mixed", "mixgail"):
         for labels in (100, 300):
             rule = Exceeds(RACETRACK.name, labels, "ssil-vae", baseline)
@@ -187,6 +192,7 @@ def _scarce_labels() -> Iterator[Claim]:
 
 
 def _sentence(rule: Exceeds) -> str:
+    """Write a claim about two means."""
     more = rule.factor - 1
     by = f" by {more:.0%}" if more >= 0.1 else f" by {more:.1%}" if more > 0 else ""
     better, worse = (_title(key, rule.labels) for key in (rule.better, rule.worse))
@@ -194,5 +200,5 @@ def _sentence(rule: Exceeds) -> str:
 
 
 def _title(key: str, labels: int | None) -> str:
-    """Name a row; with one number of labels there is one GAIL."""
+    """Name a row; a table with all labels has only one GAIL."""
     return "GAIL" if key == "gail" and labels is None else _TITLES[key]

@@ -1,4 +1,4 @@
-"""Which cells there are, the scoring runs they need, and what of it is still to be done."""
+"""The plan of a reproduction: its cells, and the scoring runs that they need."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ssil_trainers.experiments.cells import (
     Training,
     settings_of,
 )
-from ssil_trainers.experiments.identity import code, versions
-from ssil_trainers.experiments.lessons import Fit, copy_dataset, dataset_with_labels
-from ssil_trainers.experiments.protocol import (
+from ssil_trainers.experiments.fits import Fit, copy_dataset, limit_dataset
+from ssil_trainers.experiments.provenance import code_digest, package_versions
+from ssil_trainers.experiments.tables import (
     ESTIMATORS,
     LEVERAGE,
     LEVERAGE_PRESETS,
@@ -34,10 +34,30 @@ from ssil_trainers.experiments.protocol import (
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be run, in which store, and where results go.
+    """What to run, in which store, and where results go.
 
-    leverage: the dataset of the table of leverage by tier, None for no such table, and `estimators`
-    its rows. budget: steps of each training run instead of the tables' own.
+    Parameters
+    ----------
+    tables:
+        The tables of training runs.
+    leverage:
+        Dataset of the table of leverage by tier; None for no such table.
+    seeds:
+        Seeds of every cell.
+    preset:
+        Preset of the scoring runs that training uses.
+    training:
+        Settings of every training run.
+    budget:
+        Environment steps of each training run; None for the tables' own.
+    source:
+        The store of the demonstrations, which is only read.
+    output:
+        Folder of the results.
+    work:
+        Folder of the working stores.
+    estimators:
+        Rows of the table of leverage.
     """
 
     tables: tuple[Table, ...]
@@ -53,48 +73,61 @@ class Plan:
 
     @cached_property
     def tasks(self) -> list[Task]:
-        """All cells, a seed after another; makes the working copies that they need."""
+        """The work for all cells, seed by seed; makes the working copies that it needs."""
         training = [
-            self._training_tasks(table, row, labels, seed)
+            self._training_task(table, row, labels, seed)
             for seed in self.seeds
             for table in self.tables
             for row in table.rows
             for labels in (table.labels if row.labeled else (None,))
         ]
-        return [*training, *self._scorings()]
+        return [*training, *self._scoring_tasks()]
 
     def settings(self, table: Table, seed: int) -> TrainSettings:
-        """Return the settings of a table's runs of that seed, whatever the method."""
+        """Return the settings of a table's training runs, the same for every method.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        seed:
+            Seed of the runs.
+        """
         return table.settings(self.training, seed=seed, budget=self.budget)
 
     def store(self, dataset: str) -> Store:
-        """Return the working store of a dataset."""
+        """Return the working store of a dataset, and copy the dataset if that was not done."""
         return copy_dataset(self.source, dataset, self.work)
 
-    def _scorings(self) -> list[Task]:
+    def _scoring_tasks(self) -> list[Task]:
+        """List the work for the table of leverage."""
         if self.leverage is None:
             return []
         return [
-            self._scoring_tasks(self.leverage, preset, estimator, seed)
+            self._scoring_task(self.leverage, preset, estimator, seed)
             for seed in self.seeds
             for preset in LEVERAGE_PRESETS
             for estimator in self.estimators
         ]
 
-    def _scoring_tasks(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
-        fit = Fit.of(self.store(dataset).folder.uri, dataset, estimator, preset, seed)
+    def _scoring_task(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
+        """Return the work for one cell of leverage."""
+        store = self.store(dataset)
+        fit = Fit.of(store, dataset, estimator=estimator, preset=preset, seed=seed)
         cell = Cell(LEVERAGE, preset, estimator, None, seed)
         return Scoring(cell, self._identity(cell, dataset, fit, {}), self.output, fit)
 
-    def _training_tasks(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
-        store, settings = self.store(table.dataset), self.settings(table, seed)
-        dataset = dataset_with_labels(store, table.dataset, labels)
+    def _training_task(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
+        """Return the work for one cell of a table of training runs."""
+        store = self.store(table.dataset)
+        settings = self.settings(table, seed)
+        dataset = limit_dataset(store, table.dataset, labels)
         fit = None
-        if METHODS[row.method].takes_run:  # MixGAIL, too: one kernel for all
+        if METHODS[row.method].uses_run:  # MixGAIL too, so that all methods have the same kernel
             estimator = row.estimator or SHARED_RUN
-            fit = Fit.of(store.folder.uri, dataset, estimator, self.preset, seed)
+            fit = Fit.of(store, dataset, estimator=estimator, preset=self.preset, seed=seed)
         cell = Cell(table.name, row.method, row.estimator, labels, seed)
-        decided = {
+        decisive = {
             "training": settings_of(row.method, settings),
             "trained_on": table.train_on,
             "tests": list(table.tests),
@@ -102,30 +135,47 @@ class Plan:
             "first_test_seed": FIRST_TEST_SEED,
             "full_score": table.full_score,
         }
-        identity = self._identity(cell, table.dataset, fit, decided)
-        uri = store.folder.uri
-        return Training(cell, identity, self.output, fit, table, settings, uri, dataset)
+        return Training(
+            cell=cell,
+            identity=self._identity(cell, table.dataset, fit, decisive),
+            output=self.output,
+            fit=fit,
+            table=table,
+            settings=settings,
+            store=store.folder.uri,
+            dataset=dataset,
+        )
 
     def _identity(
-        self, cell: Cell, dataset: str, fit: Fit | None, decided: dict[str, Any]
+        self, cell: Cell, dataset: str, fit: Fit | None, decisive: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return all that decides a result, as JSON gives it back."""
+        """Return everything that decides a result, in the form in which JSON returns it."""
         scoring = None
         if fit is not None:
-            scoring = {"estimator": fit.estimator, "preset": fit.preset, "seed": fit.seed}
-            scoring["recipe"] = str(recipe_of(fit.preset, fit.estimator))
+            scoring = {
+                "estimator": fit.estimator,
+                "preset": fit.preset,
+                "seed": fit.seed,
+                "recipe": str(recipe_of(fit.preset, fit.estimator)),
+            }
         return {
             "cell": {name: getattr(cell, name) for name in Cell.__dataclass_fields__},
             "dataset": dataset,
             "dataset_version": self.source[dataset].version,
             "scoring": scoring,
-            **decided,
-            "versions": versions(),
-            "code": code(),
+            **decisive,
+            "versions": package_versions(),
+            "code": code_digest(),
         }
 
 
-def fits_of(tasks: Sequence[Task]) -> list[Fit]:
-    """Return the scoring runs that tasks need and nobody made, each once."""
+def missing_fits(tasks: Sequence[Task]) -> list[Fit]:
+    """List the scoring runs that tasks need and that do not exist, each once.
+
+    Parameters
+    ----------
+    tasks:
+        The work to be done.
+    """
     found = dict.fromkeys(task.fit for task in tasks if task.fit is not None)
     return [fit for fit in found if not fit.is_made()]

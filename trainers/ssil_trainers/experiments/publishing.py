@@ -1,4 +1,4 @@
-"""What a reproduction leaves: tables and ledger as CSV, settings and versions, the page."""
+"""The files of a reproduction: tables and verdicts as CSV, settings and versions, the page."""
 
 from __future__ import annotations
 
@@ -11,24 +11,37 @@ from dataclasses import asdict
 from typing import Any
 
 from ssil_data.store.folder import Folder
-from ssil_trainers.experiments import identity
+from ssil_trainers.experiments import provenance
 from ssil_trainers.experiments.claims import claims, controls
-from ssil_trainers.experiments.ledger import Verdict
-from ssil_trainers.experiments.page import page
+from ssil_trainers.experiments.page import render_page
 from ssil_trainers.experiments.plan import Plan
-from ssil_trainers.experiments.protocol import TRAINING_TABLES
-from ssil_trainers.experiments.results import Record, Results, curve
+from ssil_trainers.experiments.results import Record, Results, learning_curve
+from ssil_trainers.experiments.tables import TRAINING_TABLES
+from ssil_trainers.experiments.verdicts import Verdict
 
 
 def publish(plan: Plan, results: Results) -> dict[str, int]:
-    """Write everything into the plan's output folder; return how many claims got each verdict.
+    """Write all files into the plan's output folder.
 
-    A table that this run does not have, but one before it left there, is removed.
+    Tables of an earlier run that this one does not have are removed.
+
+    Parameters
+    ----------
+    plan:
+        What was run.
+    results:
+        Its results.
+
+    Returns
+    -------
+    :
+        How many claims got each verdict.
     """
     numbers = results.numbers(plan.tables)
-    paper, own = results.judge(claims(), numbers), results.judge(controls(), numbers)
-    counted = Counter(row["verdict"] for row in paper)
-    verdicts = {verdict.value: counted[verdict.value] for verdict in Verdict}
+    paper = results.judge(claims(), numbers)
+    own = results.judge(controls(), numbers)
+    counts = Counter(row["verdict"] for row in paper)
+    verdicts = {verdict.value: counts[verdict.value] for verdict in Verdict}
     settings = _settings(plan)
     files = {f"{table.name}.csv": _csv(results.rows(table)) for table in plan.tables}
     files["leverage.csv"] = _csv([_flat(row) for row in results.leverage_rows()])
@@ -43,7 +56,7 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
         "commit, when the page was made": settings["commit"] or "not of a checkout",
         "processor": f"{processor['name']}: {' '.join(processor['features'])}",
     }
-    files["index.html"] = page(
+    files["index.html"] = render_page(
         plan, results, claims=paper, controls=own, verdicts=verdicts, made_by=made_by
     )
     for name in (f"{table.name}.csv" for table in TRAINING_TABLES):
@@ -57,6 +70,7 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
 
 
 def _settings(plan: Plan) -> dict[str, Any]:
+    """Return everything that decided the results, as JSON."""
     tables = {
         table.name: {
             "trained_on": table.train_on,
@@ -72,33 +86,36 @@ def _settings(plan: Plan) -> dict[str, Any]:
         "seeds": list(plan.seeds),
         "tables": tables,
         "datasets": {name: plan.source[name].version for name in sorted(filter(None, names))},
-        "versions": identity.versions(),
-        "code": identity.code(),
-        "commit": identity.commit(),
-        "processor": identity.processor(),
+        "versions": provenance.package_versions(),
+        "code": provenance.code_digest(),
+        "commit": provenance.git_commit(),
+        "processor": provenance.describe_processor(),
     }
 
 
 def _curves(results: Results) -> list[Record]:
-    return [
-        {**record["identity"]["cell"], "steps": steps, "score": score}
-        for record in results.records
-        if "curve" in record
-        for steps, score in zip(curve(record).steps, curve(record).scores, strict=True)
-    ]
+    """Return the points of all learning curves."""
+    points = []
+    for record in results.records:
+        if "curve" in record:
+            curve = learning_curve(record)
+            for steps, score in zip(curve.steps, curve.scores, strict=True):
+                points.append({**record["identity"]["cell"], "steps": steps, "score": score})
+    return points
 
 
 def _flat(row: Record) -> Record:
-    """Return a row of leverage with a column for every tier."""
+    """Return a row of leverage with a column for each tier."""
     tiers = dict(row["tiers"])
     flat = {name: row[name] for name in ("preset", "estimator", "seeds", "auroc", "spearman")}
-    off = {f"{tier} deviation": d for tier, d in zip(tiers, row["deviations"], strict=True)}
-    theirs = row["paper"] or [None] * len(tiers)
-    published = {f"{tier} paper": value for tier, value in zip(tiers, theirs, strict=True)}
-    return {**flat, **tiers, **off, **published}
+    deviations = {f"{tier} deviation": d for tier, d in zip(tiers, row["deviations"], strict=True)}
+    paper = row["paper"] or [None] * len(tiers)
+    published = {f"{tier} paper": value for tier, value in zip(tiers, paper, strict=True)}
+    return {**flat, **tiers, **deviations, **published}
 
 
 def _csv(rows: Sequence[Record]) -> str:
+    """Write rows as CSV with a header; nothing without rows."""
     if not rows:
         return ""
     text = io.StringIO()

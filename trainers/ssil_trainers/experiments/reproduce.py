@@ -4,50 +4,43 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ssil_data.commands.output import AsJson, Place, StorePlace, print_json, print_table
+from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_data.errors import InvalidInputError
+from ssil_data.store import Store
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
-from ssil_trainers.experiments.ledger import FEWEST_SEEDS
-from ssil_trainers.experiments.plan import Plan, fits_of
-from ssil_trainers.experiments.pool import Tell, do, pool, processors
-from ssil_trainers.experiments.protocol import LEVERAGE, TRAINING_TABLES, Table
+from ssil_trainers.experiments.plan import Plan, missing_fits
+from ssil_trainers.experiments.process_pool import Report, count_processors, open_pool, run_tasks
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
+from ssil_trainers.experiments.tables import LEVERAGE, TRAINING_TABLES, Table
+from ssil_trainers.experiments.verdicts import FEWEST_SEEDS
 
-WHOLE, PARTIAL = Path("docs/reproduction"), Path("reproduction")
+WHOLE = Path("docs/reproduction")
+"""Default folder of the whole reproduction."""
+PARTIAL = Path("reproduction")
+"""Default folder of a part of it."""
 FRESH_SEED = 300
-"""The first seed that no setting was chosen by, and no result looked at on the way.
+"""The first seed that no setting was chosen by, and whose results were not looked at before.
 
 Seeds 0–2 tuned the defaults; 100–105 and 200–202 were looked at in between.
 """
 
 
-def reproduce(
-    *,
-    table: Literal["racetrack", "leverage", "rc-lidar", "few-labels", "all"] = "all",
-    seeds: int = 3,
-    first_seed: int = FRESH_SEED,
-    budget: int | None = None,
-    preset: Literal["default", "paper"] = "default",
-    labels: tuple[int, ...] = (),
-    methods: tuple[str, ...] = (),
-    workers: int | None = None,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    training: TrainSettings = TrainSettings(),  # noqa: B008
-    place: StorePlace = Place(),  # noqa: B008
-    json: AsJson = False,
-) -> None:
-    """Run the paper's tables with controls, and write tables, ledger and one offline page.
+def _check_least(name: str, number: int | None, least: int) -> None:
+    """Raise InvalidInputError for a number below its minimum; None is fine."""
+    if number is not None and number < least:
+        raise InvalidInputError(f"{name}: expected at least {least}, found {number}")
 
-    Every method trains by the same settings. A finished cell is a file below `cells/` in the
-    output folder; the same command goes on where it was stopped. The store is only read: copies
-    with fewer labels, and scoring runs, are made below `work/`.
+
+@dataclass(frozen=True)
+class ReproductionSettings:
+    """Which part of the paper's tables to run, and how.
 
     Parameters
     ----------
@@ -56,53 +49,108 @@ def reproduce(
     seeds:
         Runs of every cell.
     first_seed:
-        The first one's seed; the others count on. Seeds 0 to 2 tuned the defaults, 100 to 105 and
-        200 to 202 were looked at on the way.
+        Seed of the first run; the next ones have the following seeds. Seeds 0 to 2 tuned the
+        defaults, 100 to 105 and 200 to 202 were looked at on the way.
     budget:
         Environment steps of every training run. [default: 122,880 racetrack; 40,960,
         and 8,192, rc-lidar; 16,384 few-labels]
     preset:
         `paper` has the paper's leverage and loop, `default` what measured best.
     labels:
-        Of the racetrack's numbers of labels, these alone.
+        Only these of the racetrack's numbers of labels.
     methods:
-        Of the methods, these alone.
+        Only these methods.
+    training:
+        Settings of training; steps, seed, pretrained and evaluate-every are the tables'.
+
+    Raises
+    ------
+    InvalidInputError
+        For a number below its minimum.
+
+    Examples
+    --------
+    >>> ReproductionSettings(seeds=5).is_whole, ReproductionSettings(budget=4096).is_whole
+    (True, False)
+    """
+
+    table: Literal["racetrack", "leverage", "rc-lidar", "few-labels", "all"] = "all"
+    seeds: int = 3
+    first_seed: int = FRESH_SEED
+    budget: int | None = None
+    preset: Literal["default", "paper"] = "default"
+    labels: tuple[int, ...] = ()
+    methods: tuple[str, ...] = ()
+    training: TrainSettings = TrainSettings()  # noqa: RUF009  frozen
+
+    def __post_init__(self) -> None:
+        """Validate every number."""
+        _check_least("seeds", self.seeds, 1)
+        _check_least("first-seed", self.first_seed, 0)
+        _check_least("budget", self.budget, 1)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether these are all tables, by the defaults, with enough seeds to judge claims."""
+        defaults = ReproductionSettings(seeds=self.seeds, first_seed=self.first_seed)
+        return self == defaults and self.seeds >= FEWEST_SEEDS
+
+    def plan(self, source: Store, output: Path) -> Plan:
+        """Make the plan of these settings.
+
+        Parameters
+        ----------
+        source:
+            The store of the demonstrations, which is only read.
+        output:
+            Folder of the results.
+        """
+        tables = [
+            table for table in TRAINING_TABLES if self.table in (table.name, table.dataset, "all")
+        ]
+        training = self.training
+        if self.preset == "paper":
+            training = replace(training, **PAPER)
+        return Plan(
+            tables=_narrow_tables(tables, self.labels, self.methods),
+            leverage="racetrack" if self.table in (LEVERAGE, "all") else None,
+            seeds=tuple(range(self.first_seed, self.first_seed + self.seeds)),
+            preset=self.preset,
+            training=training,
+            budget=self.budget,
+            source=source,
+            output=output,
+            work=output / "work",
+        )
+
+
+def reproduce(
+    *,
+    settings: Annotated[ReproductionSettings, Parameter(name="*")] = ReproductionSettings(),
+    workers: int | None = None,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    location: StoreOption = StoreLocation(),  # noqa: B008
+    json: AsJson = False,
+) -> None:
+    """Run the paper's tables with controls; write tables, verdicts and one offline page.
+
+    Every method is trained with the same settings. A finished cell is a file below `cells/` in the
+    output folder; after an interruption the same command goes on from there. The store is only
+    read: copies with fewer labels, and scoring runs, are made below `work/`.
+
+    Parameters
+    ----------
     workers:
         Processes of one thread each. [default: one for every core]
     output:
-        Folder of the page, tables, settings and cells. [default: docs/reproduction of the whole
-        run by its defaults, with 3 seeds or more; reproduction of anything else]
-    training:
-        Settings of training; steps, seed, pretrained and evaluate-every are the tables'.
+        Folder of the page, tables, settings and cells. [default: docs/reproduction for the whole
+        run by its defaults, with 3 seeds or more; reproduction for anything else]
     """
-    for name, number, least in (
-        ("seeds", seeds, 1),
-        ("first-seed", first_seed, 0),
-        ("budget", budget, 1),
-        ("workers", workers, 1),
-    ):
-        if number is not None and number < least:
-            raise InvalidInputError(f"{name}: expected at least {least}, found {number}")
-    narrowed = (table, budget, preset, labels, methods, training)
-    whole = narrowed == ("all", None, "default", (), (), TrainSettings()) and seeds >= FEWEST_SEEDS
-    output = output or (WHOLE if whole else PARTIAL)
-    plan = Plan(
-        tables=_narrow(
-            [known for known in TRAINING_TABLES if table in (known.name, known.dataset, "all")],
-            labels,
-            methods,
-        ),
-        leverage="racetrack" if table in (LEVERAGE, "all") else None,
-        seeds=tuple(range(first_seed, first_seed + seeds)),
-        preset=preset,
-        training=_with(training, preset),
-        budget=budget,
-        source=place.open(),
-        output=output,
-        work=output / "work",
-    )
+    _check_least("workers", workers, 1)
+    output = output or (WHOLE if settings.is_whole else PARTIAL)
+    plan = settings.plan(location.open(), output)
     try:
-        results = run(plan, workers=workers or processors(), tell=_to_screen)
+        results = run_plan(plan, workers=workers or count_processors(), report=_print_to_stderr)
     except KeyboardInterrupt:
         print(f"Stopped. The same command goes on from the finished cells in {output / 'cells'}.")
         raise SystemExit(130) from None
@@ -114,31 +162,45 @@ def reproduce(
         print(f"Page: {output / 'index.html'}")
 
 
-def run(plan: Plan, *, workers: int, tell: Tell) -> Results:
-    """Do what of the plan is not done, and return all its results."""
-    missing = [task for task in plan.tasks if task.result() is None]
-    stale = sum(task.path.exists() for task in missing)
-    tell(f"{len(plan.tasks) - len(missing)} of {len(plan.tasks)} cells are done already")
-    if stale:
-        tell(f"{stale} others are of other settings, data, versions or code and are made again")
+def run_plan(plan: Plan, *, workers: int, report: Report) -> Results:
+    """Run the cells of a plan that are missing or outdated, and return the results of all.
+
+    Parameters
+    ----------
+    plan:
+        The plan.
+    workers:
+        Number of worker processes.
+    report:
+        Called with progress lines.
+    """
+    missing = [task for task in plan.tasks if task.read_result() is None]
+    outdated = sum(task.path.exists() for task in missing)
+    report(f"{len(plan.tasks) - len(missing)} of {len(plan.tasks)} cells are done already")
+    if outdated:
+        report(
+            f"{outdated} others are of other settings, data, versions or code and are made again"
+        )
     if missing:
-        with pool(workers) as executor:
-            do(executor, "scoring run", fits_of(missing), tell)
-            do(executor, "cell", missing, tell)
-    found = [task.result() for task in plan.tasks]
+        with open_pool(workers) as executor:
+            run_tasks(executor, "scoring run", missing_fits(missing), report)
+            run_tasks(executor, "cell", missing, report)
+    found = [task.read_result() for task in plan.tasks]
     return Results([result for result in found if result is not None])
 
 
-def _narrow(
+def _narrow_tables(
     tables: Sequence[Table], labels: tuple[int, ...], methods: tuple[str, ...]
 ) -> tuple[Table, ...]:
-    """Keep of the tables these labels and methods; a table that has none of them is left out."""
-    numbers = {n for table in tables for n in table.labels if n is not None}
-    known = {row.method for table in tables for row in table.rows}
-    for name, asked, all_there in (("labels", labels, numbers), ("methods", methods, known)):
-        if not set(asked) <= all_there:
-            there = sorted(all_there)
-            raise InvalidInputError(f"{name}: expected some of {there}, found {asked}")
+    """Keep only these labels and methods of the tables; drop tables that have none of them."""
+    known_labels = {n for table in tables for n in table.labels if n is not None}
+    known_methods = {row.method for table in tables for row in table.rows}
+    for name, chosen, known in (
+        ("labels", labels, known_labels),
+        ("methods", methods, known_methods),
+    ):
+        if not set(chosen) <= known:
+            raise InvalidInputError(f"{name}: expected some of {sorted(known)}, found {chosen}")
     narrowed = [
         replace(
             table,
@@ -150,9 +212,6 @@ def _narrow(
     return tuple(table for table in narrowed if table.labels and table.rows)
 
 
-def _with(training: TrainSettings, preset: str) -> TrainSettings:
-    return replace(training, **PAPER) if preset == "paper" else training
-
-
-def _to_screen(line: str) -> None:
+def _print_to_stderr(line: str) -> None:
+    """Print a progress line."""
     print(line, file=sys.stderr, flush=True)

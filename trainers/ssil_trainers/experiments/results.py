@@ -1,4 +1,4 @@
-"""Finished cells put together: numbers for the ledger, rows for tables and files."""
+"""The results of finished cells: scores to judge claims by, and rows for tables and files."""
 
 from __future__ import annotations
 
@@ -10,15 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_trainers.experiments import paper
-from ssil_trainers.experiments.ledger import Claim, Numbers
-from ssil_trainers.experiments.protocol import (
-    ESTIMATORS,
-    LEVERAGE,
-    LEVERAGE_PRESETS,
-    Row,
-    Table,
-)
+from ssil_trainers.experiments import published
 from ssil_trainers.experiments.statistics import (
     Curve,
     Summary,
@@ -26,13 +18,27 @@ from ssil_trainers.experiments.statistics import (
     interquartile_mean,
     interval,
 )
+from ssil_trainers.experiments.tables import (
+    ESTIMATORS,
+    LEVERAGE,
+    LEVERAGE_PRESETS,
+    Row,
+    Table,
+)
+from ssil_trainers.experiments.verdicts import Claim, Numbers
 
 Record = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The results of cells, as their files have them, in any order and number."""
+    """The results of cells, in any order and number.
+
+    Parameters
+    ----------
+    records:
+        Contents of the cells' files.
+    """
 
     records: Sequence[Mapping[str, Any]]
 
@@ -45,43 +51,55 @@ class Results:
             groups.setdefault(key, []).append(record)
         return groups
 
-    def of(self, table: Table, row: Row, labels: int | None) -> list[Mapping[str, Any]]:
-        """Return the results of a row, seed after seed; one without labels stands for them all."""
+    def records_of(self, table: Table, row: Row, labels: int | None) -> list[Mapping[str, Any]]:
+        """Return the results of a row, seed by seed; a row without labels has the same for all.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        row:
+            Its row.
+        labels:
+            Number of labels; None is all.
+        """
         key = table.name, labels if row.labeled else None, row.method, row.estimator
         return self._groups.get(key, [])
 
     def budget(self, table: Table) -> int:
-        """Return the environment steps of the table's longest run."""
+        """Return the environment steps of the table's longest run; 0 without results."""
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return max((record["curve"][-1]["steps"] for record in found), default=0)
 
     def full_score(self, table: Table) -> float | None:
-        """Return the return that counts as 1; None if no cell of the table is there."""
+        """Return the return that counts as a score of 1; None without results."""
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return found[0]["full_score"] if found else None
 
     def scores(self, table: Table, row: Row, labels: int | None) -> NDArray[np.float64]:
-        """Return the final scores (seeds,) on the real environment."""
-        return np.array([record["score"] for record in self.of(table, row, labels)])
+        """Return the final scores (seeds,) in the real environment; higher is better."""
+        return np.array([record["score"] for record in self.records_of(table, row, labels)])
 
     def summary(self, table: Table, row: Row, labels: int | None) -> Summary | None:
-        """Summarise a row; None if no seed is there."""
-        found = self.of(table, row, labels)
+        """Summarize a row; None without results."""
+        found = self.records_of(table, row, labels)
         if not found:
             return None
-        return Summary.of(self.scores(table, row, labels).tolist(), [curve(r) for r in found])
+        return Summary.of(
+            self.scores(table, row, labels).tolist(), [learning_curve(r) for r in found]
+        )
 
     def leverage(self, preset: str, estimator: str) -> list[Mapping[str, Any]]:
-        """Return the results of scoring runs, seed after seed."""
+        """Return the results of scoring runs, seed by seed."""
         return self._groups.get((LEVERAGE, None, preset, estimator), [])
 
     def tiers(self, preset: str, estimator: str) -> NDArray[np.float64]:
-        """Return the mean leverage (seeds, tiers), worst tier first; empty if none is there."""
+        """Return the mean leverage (seeds, tiers), worst tier first; empty without results."""
         found = self.leverage(preset, estimator)
         return np.array([list(record["mean_leverage_by_tier"].values()) for record in found])
 
     def numbers(self, tables: Iterable[Table]) -> Numbers:
-        """Return what the ledger judges by."""
+        """Return the numbers that claims about these tables are judged by."""
         scores = {
             (table.name, labels, row.key): self.scores(table, row, labels)
             for table in tables
@@ -91,35 +109,35 @@ class Results:
         return Numbers(scores, {kind: self.tiers("paper", kind) for kind in ESTIMATORS})
 
     def rows(self, table: Table) -> list[Record]:
-        """Return the table as rows, one for every method and number of labels that has results."""
-        made = []
-        for labels in table.labels:
-            for row in table.rows:
-                summary = self.summary(table, row, labels)
-                if summary is not None:
-                    mean, off = paper.SCORES.get((table.name, labels, row.key), (None, None))
-                    learned = [
-                        record["curve"][-1]["score"] for record in self.of(table, row, labels)
-                    ]
-                    made.append(
-                        {
-                            "labels": labels,
-                            "method": row.key,
-                            "title": row.title,
-                            **asdict(summary),
-                            "where_trained": float(np.mean(learned)),
-                            "paper_mean": mean,
-                            "paper_deviation": off,
-                        }
-                    )
-        return made
+        """Return the table as rows, one for each method and number of labels with results."""
+        rows = [self._row(table, row, labels) for labels in table.labels for row in table.rows]
+        return [row for row in rows if row is not None]
+
+    def _row(self, table: Table, row: Row, labels: int | None) -> Record | None:
+        """Return one row of a table beside the paper's numbers; None without results."""
+        summary = self.summary(table, row, labels)
+        if summary is None:
+            return None
+        paper_mean, paper_deviation = published.SCORES.get(
+            (table.name, labels, row.key), (None, None)
+        )
+        records = self.records_of(table, row, labels)
+        return {
+            "labels": labels,
+            "method": row.key,
+            "title": row.title,
+            **asdict(summary),
+            "where_trained": float(np.mean([record["curve"][-1]["score"] for record in records])),
+            "paper_mean": paper_mean,
+            "paper_deviation": paper_deviation,
+        }
 
     def over_labels(self, table: Table) -> list[Record]:
         """Return each method's interquartile mean over all labels, with its stratified interval."""
         made = []
         for row in table.rows:
-            counted = table.labels if row.labeled else table.labels[:1]
-            strata = [self.scores(table, row, labels) for labels in counted]
+            numbers = table.labels if row.labeled else table.labels[:1]
+            strata = [self.scores(table, row, labels) for labels in numbers]
             if all(len(stratum) for stratum in strata):
                 low, high = interval(strata)
                 middle = interquartile_mean(np.concatenate(strata))
@@ -128,51 +146,54 @@ class Results:
 
     def leverage_rows(self) -> list[Record]:
         """Return the table of leverage by tier, beside the paper's."""
-        made = []
-        for preset in LEVERAGE_PRESETS:
-            for kind in ESTIMATORS:
-                tiers, found = self.tiers(preset, kind), self.leverage(preset, kind)
-                if not found:
-                    continue
-                names = list(found[0]["mean_leverage_by_tier"])
-                published = paper.LEVERAGE.get(kind) if preset == "paper" else None
-                made.append(
-                    {
-                        "preset": preset,
-                        "estimator": kind,
-                        "seeds": len(found),
-                        "tiers": dict(zip(names, tiers.mean(axis=0).tolist(), strict=True)),
-                        "deviations": [deviation(column) for column in tiers.T],
-                        "auroc": _mean(found, "auroc"),
-                        "spearman": _mean(found, "spearman"),
-                        "paper": None if published is None else list(published),
-                    }
-                )
-        return made
+        return [
+            self._leverage_row(preset, estimator)
+            for preset in LEVERAGE_PRESETS
+            for estimator in ESTIMATORS
+            if self.leverage(preset, estimator)
+        ]
+
+    def _leverage_row(self, preset: str, estimator: str) -> Record:
+        """Return one row of the table of leverage."""
+        records = self.leverage(preset, estimator)
+        tiers = self.tiers(preset, estimator)
+        names = list(records[0]["mean_leverage_by_tier"])
+        paper = published.LEVERAGE.get(estimator) if preset == "paper" else None
+        return {
+            "preset": preset,
+            "estimator": estimator,
+            "seeds": len(records),
+            "tiers": dict(zip(names, tiers.mean(axis=0).tolist(), strict=True)),
+            "deviations": [deviation(column) for column in tiers.T],
+            "auroc": _mean(records, "auroc"),
+            "spearman": _mean(records, "spearman"),
+            "paper": None if paper is None else list(paper),
+        }
 
     def judge(self, claims: Iterable[Claim], numbers: Numbers) -> list[Record]:
-        """Return each claim with its verdict and the numbers it was judged by."""
+        """Return each claim with its verdict and the numbers behind it."""
         made = []
         for claim in claims:
-            found = claim.rule(numbers)
+            judgment = claim.rule(numbers)
             made.append(
                 {
                     "where": claim.where,
                     "statement": claim.statement,
-                    "verdict": found.verdict.value,
-                    "by": found.by,
+                    "verdict": judgment.verdict.value,
+                    "by": judgment.by,
                     "note": claim.note,
                 }
             )
         return made
 
 
-def curve(record: Mapping[str, Any]) -> Curve:
-    """Return a cell's learning curve, as measured where it trained."""
+def learning_curve(record: Mapping[str, Any]) -> Curve:
+    """Return a cell's learning curve, measured where it was trained."""
     rows = record["curve"]
     return Curve(tuple(row["steps"] for row in rows), tuple(row["score"] for row in rows))
 
 
 def _mean(records: Sequence[Mapping[str, Any]], name: str) -> float | None:
+    """Return the mean of a number over records; None if one has none."""
     values = [record[name] for record in records]
     return None if None in values else float(np.mean(values))

@@ -1,4 +1,4 @@
-"""What several seeds say together: means, interquartile means, bootstrap intervals, curves.
+"""Statistics over several seeds: means, interquartile means, bootstrap intervals, curves.
 
 Interquartile mean and stratified bootstrap are those of Agarwal et al. 2021, *Deep reinforcement
 learning at the edge of the statistical precipice*: resamples draw seeds within each stratum.
@@ -14,28 +14,42 @@ from numpy.typing import ArrayLike, NDArray
 
 RESAMPLES = 10_000
 INTERVAL = 0.95
-"""How much of the resamples an interval holds."""
+"""Share of the resamples that an interval contains."""
 TRIALS = 2_000
-"""Pairs of equally good methods in a simulation of verdicts by chance."""
+"""Pairs of equally good methods in the simulation of verdicts by chance."""
 
 Excess = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-"""How much of something resampled values (r, n, ...) have beyond others (r, m, ...): (r, ...)."""
+"""By how much resampled values (r, n, ...) exceed others (r, m, ...), as (r, ...)."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Scores (m,) at numbers of environment steps (m,), which rise."""
+    """A learning curve.
+
+    Parameters
+    ----------
+    steps:
+        Environment steps, (m,), rising.
+    scores:
+        Score at each, (m,); 1 is as good as the expert.
+
+    Examples
+    --------
+    >>> curve = Curve((0, 10, 20), (0.0, 0.5, 1.0))
+    >>> curve.area, curve.steps_to(0.4), curve.steps_to(2.0)
+    (0.5, 10, None)
+    """
 
     steps: tuple[int, ...]
     scores: tuple[float, ...]
 
     def steps_to(self, score: float) -> int | None:
-        """Return the first number of steps at which a score was reached; None if it never was."""
+        """Return the steps after which a score was first reached; None if it never was."""
         return next((s for s, at in zip(self.steps, self.scores, strict=True) if at >= score), None)
 
     @property
     def area(self) -> float:
-        """The mean height of the curve, its points joined by straight lines."""
+        """Mean height of the curve, its points joined by straight lines; higher is better."""
         if len(self.steps) == 1:
             return self.scores[0]
         width = self.steps[-1] - self.steps[0]
@@ -44,12 +58,30 @@ class Curve:
 
 @dataclass(frozen=True)
 class Summary:
-    """Final scores and curves of n seeds.
+    """Summary of the final scores and learning curves of n seeds.
 
-    deviation: of a sample (n − 1), None of a single seed. low, high: 95 % bootstrap interval of the
-    interquartile mean. reached: how many seeds came to 90 % of the expert, and steps_to_90 the
-    median of when, over all seeds: None if half of them or more never did. area: mean height of the
-    curves. worst: the least score.
+    Parameters
+    ----------
+    seeds:
+        n.
+    mean:
+        Mean score; 1 is as good as the expert.
+    deviation:
+        Deviation of the sample (divided by n − 1); None for a single seed.
+    interquartile_mean:
+        Mean of the middle half.
+    low:
+        Lower end of its 95 % bootstrap interval.
+    high:
+        Upper end.
+    reached:
+        How many seeds reached 90 % of the expert.
+    steps_to_90:
+        Median over all seeds of the steps until then; None if half of them or more never did.
+    area:
+        Mean height of the learning curves.
+    worst:
+        The lowest score.
     """
 
     seeds: int
@@ -65,7 +97,7 @@ class Summary:
 
     @classmethod
     def of(cls, scores: Sequence[float], curves: Sequence[Curve]) -> Summary:
-        """Summarise the scores and curves of n ≥ 1 seeds."""
+        """Summarize the scores and curves of n ≥ 1 seeds, given in the same order."""
         values = np.asarray(scores, np.float64)
         low, high = interval([values])
         reached = [curve.steps_to(0.9) for curve in curves]
@@ -85,21 +117,54 @@ class Summary:
 
 
 def deviation(values: ArrayLike) -> float | None:
-    """Return the deviation of a sample; None of fewer than two values."""
+    """Return the standard deviation of a sample (divided by n − 1).
+
+    Parameters
+    ----------
+    values:
+        The sample, (n,).
+
+    Examples
+    --------
+    >>> deviation([1.0, 3.0]), deviation([1.0])
+    (1.4142135623730951, None)
+    """
     values = np.asarray(values, np.float64)
     return float(values.std(ddof=1)) if len(values) > 1 else None
 
 
 def interquartile_mean(values: ArrayLike) -> float:
-    """Return the mean of the middle half: a quarter, rounded down, is left out at either end.
+    """Return the mean of the middle half.
 
-    Of three values or fewer that is their mean.
+    A quarter of the values, rounded down, is left out at each end; three values or fewer are all
+    kept.
+
+    Parameters
+    ----------
+    values:
+        The sample, (n,).
+
+    Examples
+    --------
+    >>> interquartile_mean([-100, 1, 3, 1000])
+    2.0
     """
     return float(_interquartile_means(np.asarray(values, np.float64)[None])[0])
 
 
 def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
-    """Return the bootstrap interval of the interquartile mean of all values of all strata."""
+    """Return the 95 % bootstrap interval of the interquartile mean of all values.
+
+    Parameters
+    ----------
+    strata:
+        Samples; each resample draws within each of them.
+
+    Examples
+    --------
+    >>> interval([[0.0, 0.0], [1.0, 1.0]])
+    (0.5, 0.5)
+    """
     drawn = np.concatenate([resample(stratum, seed) for seed, stratum in enumerate(strata)], 1)
     tail = (1 - INTERVAL) / 2
     low, high = np.quantile(_interquartile_means(drawn), [tail, 1 - tail])
@@ -107,14 +172,46 @@ def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
 
 
 def support(first: ArrayLike, second: ArrayLike, excess: Excess) -> float:
-    """Return the share of resamples in which `excess` is above 0, ties half."""
+    """Return the share of bootstrap resamples in which `excess` is above 0; ties count half.
+
+    Parameters
+    ----------
+    first:
+        Scores of one method, (n,).
+    second:
+        Scores of the other, (m,).
+    excess:
+        By how much the first exceeds the second.
+
+    Returns
+    -------
+    :
+        1 if the first exceeds the second in every resample, 0 if in none.
+
+    Examples
+    --------
+    >>> support([1.0, 1.1], [0.0, 0.1], lambda a, b: a.mean(axis=1) - b.mean(axis=1))
+    1.0
+    """
     return float(_supports(resample(first, 0), resample(second, 1), excess))
 
 
 def false_verdict_rate(excess: Excess, seeds: int, level: float) -> float:
-    """Return how often equally good methods get support of `level`, one way or the other.
+    """Simulate how often one of two equally good methods gets support.
 
-    Simulated: both have so many normal scores of the same mean and deviation.
+    Parameters
+    ----------
+    excess:
+        By how much one method exceeds the other.
+    seeds:
+        Number of scores of each method, drawn from the same normal distribution.
+    level:
+        Support that makes a verdict, in either direction.
+
+    Returns
+    -------
+    :
+        The share of trials with a verdict; lower is better.
     """
     rng = np.random.default_rng(0)
     few = 50  # resamples of many trials at once would fill the memory
@@ -131,7 +228,20 @@ def false_verdict_rate(excess: Excess, seeds: int, level: float) -> float:
 
 
 def resample(values: ArrayLike, seed: int) -> NDArray[np.float64]:
-    """Draw resamples (RESAMPLES, n, ...) of n values (n, ...) with replacement."""
+    """Draw bootstrap resamples.
+
+    Parameters
+    ----------
+    values:
+        The sample, (n, ...).
+    seed:
+        Seed of the draw.
+
+    Returns
+    -------
+    :
+        Resamples with replacement, (RESAMPLES, n, ...).
+    """
     values = np.asarray(values, np.float64)
     rows = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))
     return values[rows]
@@ -140,6 +250,7 @@ def resample(values: ArrayLike, seed: int) -> NDArray[np.float64]:
 def _supports(
     first: NDArray[np.float64], second: NDArray[np.float64], excess: Excess
 ) -> NDArray[np.float64]:
+    """Return the support of each of several pairs of methods at once."""
     found = excess(first, second)
     return (found > 0).mean(axis=0) + (found == 0).mean(axis=0) / 2
 

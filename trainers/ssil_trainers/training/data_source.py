@@ -1,39 +1,36 @@
-"""Where a training run's demonstrations and leverage come from: a store, or a service as one."""
+"""The training command's choice of demonstrations and leverage: from a store, or from a service."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-
-from ssil_data.client import RemoteDataset
-from ssil_data.commands.output import Place, progress
+from ssil_data.commands.output import StoreLocation, progress
 from ssil_data.commands.serving import open_store
 from ssil_data.errors import InvalidInputError
-from ssil_data.store.dataset import Dataset
-from ssil_trainers.algorithms.methods import METHODS, Demonstrations
-from ssil_trainers.training.label_subset import expert_return, score_like, with_labels
+from ssil_trainers.algorithms.methods import METHODS
+from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.label_subset import limit_labels, score_like
 
 
 @dataclass(frozen=True)
 class DataSource:
-    """What is learned from.
+    """Which demonstrations to learn from.
 
     Parameters
     ----------
     dataset:
-        The demonstrations.
+        Name of the demonstrations.
     run:
-        The scoring run whose leverage is asked; gail, gail-mixed, constant and clone ask none,
-        mixgail only for its kernel's sharpness, which it otherwise fits itself.
+        Scoring run whose leverage is used. gail, gail-mixed, constant and clone use none; mixgail
+        uses only the sharpness of its kernel, which it otherwise fits itself.
     service:
-        URL of a service that is asked; without it, one inside this process is.
+        URL of a service that computes the rewards; without it, a service embedded in this process
+        does.
     labels:
-        Take only the first labeled pairs, this many, as if the expert had given no more. The run
-        is made again on them if it was not before.
+        Use only the first labeled pairs, this many, as if the expert had given fewer. The scoring
+        run is made again on them unless it exists already.
     """
 
     dataset: str
@@ -42,71 +39,56 @@ class DataSource:
     labels: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingData:
-    """Demonstrations, the expert's mean return if it is known, and JSON that tells them apart."""
-
-    demonstrations: Demonstrations
-    expert_return: float | None
-    identity: dict[str, Any]
-
-    @classmethod
-    def of(
-        cls, dataset: Dataset | RemoteDataset, run: str | None, *, threads: int | None = None
-    ) -> TrainingData:
-        """Read a dataset, and the leverage and field of a run if one is named.
-
-        A field of this process is asked by `threads`, or by all processors.
-        """
-        pairs = dataset.pairs()
-        how: dict[str, Any] = {"threads": threads} if isinstance(dataset, Dataset) else {}
-        demonstrations = Demonstrations(
-            states=pairs.states,
-            actions=pairs.actions,
-            labeled=dataset.per_pair("labeled").astype(bool),
-            leverage=None if run is None else np.asarray(dataset.leverage(run)),
-            field=None if run is None else dataset.field(run, **how),
-            threads=threads,
-        )
-        identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
-        return cls(demonstrations, expert_return(dataset), identity)
-
-
 @contextmanager
-def load_training_data(origin: DataSource, method: str, place: Place) -> Iterator[TrainingData]:
-    """Open what a method learns from, as long as it learns; one that asks no leverage has none.
+def load_training_data(
+    source: DataSource, method: str, location: StoreLocation
+) -> Iterator[TrainingData]:
+    """Read what a method learns from; the service stays open inside the block.
 
-    Raises InvalidInputError for a missing run or fewer labels at a service, NotFoundError.
+    Parameters
+    ----------
+    source:
+        Which demonstrations, run and service.
+    method:
+        Name of the method; one that uses no leverage is given none.
+    location:
+        The store, for an embedded service and for fewer labels.
+
+    Raises
+    ------
+    InvalidInputError
+        If the method needs a run and none is named, or for fewer labels at a service.
+    NotFoundError
+        For an unknown dataset or run.
     """
     row = METHODS[method]
-    if row.needs_run and origin.run is None:
-        raise InvalidInputError(f"{method}: expected --run, whose leverage it asks for, found none")
-    run, name = origin.run if row.takes_run else None, origin.dataset
-    if origin.labels is not None:
-        name = _with_labels(origin, run, place)
-    if origin.service is None:
-        _check_known(place, name, run)
-    with open_store(place, origin.service) as store:
-        yield TrainingData.of(store[name], run)
+    if row.requires_run and source.run is None:
+        raise InvalidInputError(f"{method}: needs the leverage of a scoring run; name it by --run")
+    run = source.run if row.uses_run else None
+    name = source.dataset if source.labels is None else _limit_labels(source, run, location)
+    if source.service is None:
+        _check_exists(location, name, run)
+    with open_store(location, source.service) as store:
+        yield TrainingData.read(store[name], run)
 
 
-def _check_known(place: Place, name: str, run: str | None) -> None:
-    """Refuse what is unknown in the store's words: a service does not say what else it has."""
-    dataset = place.open()[name]
+def _check_exists(location: StoreLocation, name: str, run: str | None) -> None:
+    """Raise the store's NotFoundError, which lists what there is; a service's does not."""
+    dataset = location.open()[name]
     if run is not None:
         _ = dataset.runs[run]
 
 
-def _with_labels(origin: DataSource, run: str | None, place: Place) -> str:
-    """Return the name of the dataset with fewer labels, with its run made."""
-    assert origin.labels is not None
-    if origin.service is not None:
+def _limit_labels(source: DataSource, run: str | None, location: StoreLocation) -> str:
+    """Make the dataset with fewer labels, and the run on it; return the dataset's name."""
+    assert source.labels is not None
+    if source.service is not None:
         raise InvalidInputError(
-            "--labels: expected a store, found --service; name a dataset with fewer labels"
+            "--labels works on a store, not with --service; name a dataset with fewer labels"
         )
-    store = place.open()
-    dataset = with_labels(store, origin.dataset, origin.labels)
+    store = location.open()
+    dataset = limit_labels(store, source.dataset, source.labels)
     if run is not None:
         with progress() as report:
-            score_like(dataset, store[origin.dataset], run, report)
+            score_like(dataset, store[source.dataset], run, report)
     return dataset.name

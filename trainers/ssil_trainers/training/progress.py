@@ -1,4 +1,4 @@
-"""How a training run is watched: a line that moves on a terminal, lines elsewhere, TensorBoard."""
+"""What a training run shows while it goes on: a progress line, and TensorBoard events."""
 
 from __future__ import annotations
 
@@ -20,66 +20,121 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def progress_display(what: str, iterations: int) -> Iterator[Callback]:
-    """Show score, η, discriminator's accuracy, KL and steps/s on standard error."""
-    tell = _ProgressText(what)
+def progress_display(title: str, iterations: int) -> Iterator[Callback]:
+    """Show score, η, the discriminator's accuracy, KL and steps/s on standard error.
+
+    Parameters
+    ----------
+    title:
+        What is trained.
+    iterations:
+        How many iterations there will be.
+
+    Yields
+    ------
+    Callback
+        Shows a row: as a moving line on a terminal, and elsewhere as a line for each evaluation.
+
+    Examples
+    --------
+    >>> with progress_display("gail Pendulum-v1", 10) as show:
+    ...     show(HistoryRow(0, None, None))
+    """
+    text = _ProgressText(title)
     if not sys.stderr.isatty():
-        yield lambda moment: print(tell(moment), file=sys.stderr) if moment.evaluation else None
+
+        def print_evaluation(row: HistoryRow) -> None:
+            line = text(row)
+            if row.evaluation is not None:
+                print(line, file=sys.stderr)
+
+        yield print_evaluation
         return
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    text = TextColumn("{task.description}", markup=False)
-    with Progress(text, *columns, console=Console(stderr=True)) as bars:
-        bar = bars.add_task(what, total=iterations)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        bar = bars.add_task(title, total=iterations)
 
-        def show(moment: HistoryRow) -> None:
-            done = 0 if moment.iteration is None else moment.iteration.number
-            bars.update(bar, description=tell(moment), completed=done)
+        def move_bar(row: HistoryRow) -> None:
+            done = 0 if row.iteration is None else row.iteration.number
+            bars.update(bar, description=text(row), completed=done)
 
-        yield show
+        yield move_bar
 
 
 class _ProgressText:
-    """Puts the latest figures into one line; remembers the last score and the clock."""
+    """Puts the latest figures into one line; remembers the last score and when it started."""
 
-    def __init__(self, what: str) -> None:
-        self.what, self.score = what, ""
-        self.clock: tuple[float, int] | None = None
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.score = ""
+        self.start: tuple[float, int] | None = None
 
-    def __call__(self, moment: HistoryRow) -> str:
-        now = (time.perf_counter(), moment.steps)
-        if moment.evaluation is not None:
-            score, mean = moment.evaluation.score, moment.evaluation.mean
+    def __call__(self, row: HistoryRow) -> str:
+        if row.evaluation is not None:
+            score = row.evaluation.score
+            mean = row.evaluation.mean
             self.score = f"return {mean:,.1f}" if score is None else f"score {score:.3f}"
-        parts = [self.what, f"{moment.steps:,} steps", self.score]
-        if moment.iteration is not None:
-            did = moment.iteration
-            parts += [f"η {did.eta:.3f}", f"D {did.accuracy:.2f}", f"KL {did.kl:.4f}"]
-        if self.clock is not None:
-            seconds, steps = now[0] - self.clock[0], now[1] - self.clock[1]
-            parts.append(f"{steps / seconds:,.0f} steps/s")
-        else:
-            self.clock = now
+        parts = [self.title, f"{row.steps:,} steps", self.score]
+        if row.iteration is not None:
+            figures = row.iteration
+            parts += [f"η {figures.eta:.3f}", f"D {figures.accuracy:.2f}", f"KL {figures.kl:.4f}"]
+        parts.append(self._rate(row.steps))
         return "  ".join(filter(None, parts))
+
+    def _rate(self, steps: int) -> str:
+        """Return the steps per second since the first row; nothing at the first row itself."""
+        now = time.perf_counter()
+        if self.start is None:
+            self.start = (now, steps)
+            return ""
+        start, first_steps = self.start
+        return f"{(steps - first_steps) / (now - start):,.0f} steps/s"
 
 
 @contextmanager
-def tensorboard(folder: Path, seen: Callback) -> Iterator[Callback]:
-    """Also write every figure as a TensorBoard event into the folder, which the first one makes."""
-    with ExitStack() as at_the_end:
-        opened: list[SummaryWriter] = []
+def tensorboard(folder: Path, callback: Callback) -> Iterator[Callback]:
+    """Also write every figure as a TensorBoard event.
 
-        def both(moment: HistoryRow) -> None:
-            seen(moment)
-            if not opened:
-                opened.append(at_the_end.enter_context(closing(_writer(folder))))
-            for name, value in moment.row().items():
+    Parameters
+    ----------
+    folder:
+        Where the events go; it is made with the first one.
+    callback:
+        Called with every row before its events are written.
+
+    Yields
+    ------
+    Callback
+        Passes a row on, and writes its events.
+
+    Examples
+    --------
+    >>> with tensorboard(Path("events"), lambda row: None) as write:
+    ...     write(HistoryRow(0, None, None))
+    >>> [path.name.partition(".")[0] for path in Path("events").iterdir()]
+    ['events']
+    """
+    with ExitStack() as stack:
+        writers: list[SummaryWriter] = []
+
+        def write_events(row: HistoryRow) -> None:
+            callback(row)
+            if not writers:
+                writers.append(stack.enter_context(closing(_open_writer(folder))))
+            for name, value in row.figures().items():
                 if value is not None and name not in ("steps", "number"):
-                    opened[0].add_scalar(name, value, moment.steps)
+                    writers[0].add_scalar(name, value, row.steps)
 
-        yield both
+        yield write_events
 
 
-def _writer(folder: Path) -> SummaryWriter:
+def _open_writer(folder: Path) -> SummaryWriter:
+    """Open a TensorBoard writer; its package is imported only when it is used."""
     from torch.utils.tensorboard.writer import SummaryWriter
 
     return SummaryWriter(str(folder))

@@ -1,194 +1,305 @@
-"""One training run that can be watched, stopped and resumed: what it leaves in its folder."""
+"""A training run that can be watched, stopped and resumed, and the files it leaves in its folder.
+
+A run needs three things: what to learn from (`TrainingData`), where to practice (`make_envs`), and
+how (`TrainSettings`). The algorithm itself is the `Learner`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from gymnasium.vector import VectorEnv
 
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_trainers.algorithms import checkpoint as tensors
+from ssil_trainers.algorithms import checkpoint
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.learner import Iteration, Learner
 from ssil_trainers.algorithms.methods import METHODS, Demonstrations
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.algorithms.rollout import Driver, returns
+from ssil_trainers.algorithms.rollout import RolloutCollector, measure_returns
+from ssil_trainers.algorithms.torch_threads import single_thread
+from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import Evaluation, HistoryRow, to_csv
 
 KIND = "ssil checkpoint"
-CHECKPOINT, POLICY, CURVE = "checkpoint.safetensors", "policy.safetensors", "curve.csv"
+"""What a checkpoint says that it is."""
+CHECKPOINT = "checkpoint.safetensors"
+POLICY = "policy.safetensors"
+CURVE = "curve.csv"
 
-Worlds = Callable[[int], VectorEnv[Any, Any, Any]]
-"""Makes so many environments side by side."""
-
+MakeEnvs = Callable[[int], VectorEnv[Any, Any, Any]]
+"""Makes a vector environment of so many environments."""
 
 Callback = Callable[[HistoryRow], None]
-"""Called after every iteration."""
+"""Called with each row of the learning curve: before the first iteration, and after every one."""
 
-
-@dataclass(frozen=True, eq=False)
-class TrainJob:
-    """What is trained, on what, and where it is kept.
-
-    `origin` is JSON that tells the demonstrations apart: a checkpoint goes on with the same alone.
-    """
-
-    method: str
-    settings: TrainSettings
-    demonstrations: Demonstrations
-    worlds: Worlds
-    origin: Mapping[str, Any]
-    expert_return: float | None = None
-    folder: Path | None = None
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What a checkpoint must have been made from; the number of steps may differ."""
-        settings = {key: value for key, value in asdict(self.settings).items() if key != "steps"}
-        return {"method": self.method, "settings": settings, "origin": dict(self.origin)}
+_RENAMED_SETTINGS = {"centred": "centered"}
+"""Settings that checkpoints of version 0.1 keep under an older name, and their names today."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainResult:
-    """The policy after the last iteration, and the curve that led there."""
+    """What training gives.
+
+    Parameters
+    ----------
+    policy:
+        The policy after the last iteration.
+    curve:
+        The learning curve, a row before the first iteration and one after each.
+    """
 
     policy: Policy
     curve: tuple[HistoryRow, ...]
 
 
 def train(
-    job: TrainJob, *, resume: bool = False, seen: Callback = lambda moment: None
+    method: str,
+    data: TrainingData,
+    make_envs: MakeEnvs,
+    *,
+    settings: TrainSettings = TrainSettings(),  # noqa: B008
+    folder: Path | None = None,
+    resume: bool = False,
+    callback: Callback = lambda row: None,
 ) -> TrainResult:
-    """Train to the end; same job, same machine, same bytes, however often it was interrupted.
+    """Train a policy on demonstrations; no method reads the environment's reward.
 
-    With a folder it leaves a checkpoint and a policy file at every boundary, and the curve. Raises
-    ConflictError if the folder has a checkpoint and `resume` is off, or one of another job.
+    The same arguments on the same machine give the same bytes, however often the run was
+    interrupted and resumed.
+
+    Parameters
+    ----------
+    method:
+        A name in `METHODS`.
+    data:
+        What to learn from.
+    make_envs:
+        Makes a vector environment of so many environments.
+    settings:
+        Settings of the run; the method's own take their place where it has some.
+    folder:
+        Where to leave a checkpoint and a policy file at every boundary, and the learning curve;
+        None leaves no files.
+    resume:
+        Go on from the checkpoint in the folder, if there is one.
+    callback:
+        Called with each row of the learning curve.
+
+    Raises
+    ------
+    ConflictError
+        If the folder has a checkpoint and `resume` is off, or one of another run, or a policy that
+        was trained for longer.
+    InvalidInputError
+        If the demonstrations do not fit the environment, or the method needs a run and has none.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> from ssil_trainers.algorithms.methods import Demonstrations
+    >>> rng = np.random.default_rng(0)
+    >>> states = rng.normal(size=(40, 3)).astype(np.float32)
+    >>> actions = rng.uniform(-2, 2, (40, 1)).astype(np.float32)
+    >>> data = TrainingData(Demonstrations(states, actions, np.ones(40, bool)))
+    >>> mode = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}
+    >>> result = train(
+    ...     "gail",
+    ...     data,
+    ...     lambda count: gymnasium.make_vec("Pendulum-v1", count, vector_kwargs=mode),
+    ...     settings=TrainSettings(steps=64, environments=2, horizon=16, hidden=8, evaluations=1),
+    ...     folder=Path("training"),
+    ... )
+    >>> [row.steps for row in result.curve]
+    [0, 32, 64]
+    >>> sorted(path.name for path in Path("training").iterdir())
+    ['checkpoint.safetensors', 'curve.csv', 'policy.safetensors']
     """
-    with _one_thread():
-        return _TrainRun(job, resume=resume).run(seen)
+    run = TrainRun(method, data, make_envs, settings=settings, folder=folder)
+    return run.train(resume=resume, callback=callback)
 
 
-class _TrainRun:
-    """A job on its way."""
+class TrainRun:
+    """One training run: `train` in two steps, so that its settings can be read in between.
 
-    def __init__(self, job: TrainJob, *, resume: bool) -> None:
-        method = METHODS[job.method]
-        self.settings = method.settings(job.settings)
-        self.job = replace(job, settings=self.settings)
-        of, standardiser = job.demonstrations, job.demonstrations.standardizer
-        self.examiners = job.worlds(self.settings.evaluations)
-        driver = Driver(job.worlds(self.settings.environments))
-        _refuse_unfit(of, driver)
-        experts = method.expert_sampler(of, driver.box, standardiser)
-        shaping = method.shaping(of, self.settings.seed)
-        self.learner = Learner(
-            self.settings,
-            driver=driver,
-            experts=experts,
-            shaping=shaping,
-            standardiser=standardiser,
-        )
+    Parameters
+    ----------
+    method:
+        A name in `METHODS`.
+    data:
+        What to learn from.
+    make_envs:
+        Makes a vector environment of so many environments.
+    settings:
+        Settings of the run; `TrainRun.settings` has the method's own in their place.
+    folder:
+        Where to leave files; None leaves none.
+    """
+
+    def __init__(
+        self,
+        method: str,
+        data: TrainingData,
+        make_envs: MakeEnvs,
+        *,
+        settings: TrainSettings = TrainSettings(),  # noqa: B008
+        folder: Path | None = None,
+    ) -> None:
+        """Make the environments and an untrained learner."""
+        row = METHODS[method]
+        self.method = method
+        self.data = data
+        self.settings = row.override(settings)
+        self.folder = folder
         self.curve: list[HistoryRow] = []
-        if not self._restore(resume) and self.settings.pretrained:
-            self.learner.clone()
+        demonstrations = data.demonstrations
+        standardizer = demonstrations.standardizer
+        self.test_envs = make_envs(self.settings.evaluations)
+        collector = RolloutCollector(make_envs(self.settings.environments))
+        _check_widths(demonstrations, collector)
+        with single_thread():
+            self.learner = Learner(
+                self.settings,
+                collector=collector,
+                experts=row.expert_sampler(demonstrations, collector.action_box, standardizer),
+                shaping=row.shaping(demonstrations, self.settings.seed),
+                standardizer=standardizer,
+            )
 
-    def run(self, seen: Callback) -> TrainResult:
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a checkpoint must agree with to be resumed; the number of steps may differ."""
+        settings = {key: value for key, value in asdict(self.settings).items() if key != "steps"}
+        return {"method": self.method, "settings": settings, "origin": dict(self.data.identity)}
+
+    def train(self, *, resume: bool = False, callback: Callback = lambda row: None) -> TrainResult:
+        """Train to the end, from the folder's checkpoint or from the start.
+
+        Parameters
+        ----------
+        resume:
+            Go on from the checkpoint in the folder, if there is one.
+        callback:
+            Called with each row of the learning curve.
+
+        Raises
+        ------
+        ConflictError
+            As `train`.
+        """
+        with single_thread():
+            if not self._restore(resume) and self.settings.pretrained:
+                self.learner.clone()
+            return self._run(callback)
+
+    def _run(self, callback: Callback) -> TrainResult:
+        """Do the iterations that are left."""
         if not self.curve:
-            self._add(None, seen)
+            self._add_row(None, callback)
         if not self.settings.iterations:
-            self._keep()
+            self._write_checkpoint()
         while self.learner.done < self.settings.iterations:
             if self.learner.done % self.settings.boundary == 0:
-                self._keep()
-                self.learner.start_anew()
-            self._add(self.learner.iterate(), seen)
-        policy = self._keep_policy()
-        for envs in (self.examiners, self.learner.driver.envs):
+                self._write_checkpoint()
+                self.learner.reset_environments()
+            self._add_row(self.learner.iterate(), callback)
+        policy = self._write_policy()
+        for envs in (self.test_envs, self.learner.collector.envs):
             envs.close()
         return TrainResult(policy, tuple(self.curve))
 
-    def _add(self, iteration: Iteration | None, seen: Callback) -> None:
-        done, due = self.learner.done, self.settings.evaluate_every
+    def _add_row(self, iteration: Iteration | None, callback: Callback) -> None:
+        """Extend the learning curve, with an evaluation where one is due."""
+        done = self.learner.done
         last = done >= self.settings.iterations
-        evaluation = self._evaluation() if last or done % due == 0 else None
-        moment = HistoryRow(0 if iteration is None else iteration.steps, iteration, evaluation)
-        self.curve.append(moment)
-        seen(moment)
+        due = last or done % self.settings.evaluate_every == 0
+        row = HistoryRow(
+            steps=0 if iteration is None else iteration.steps,
+            iteration=iteration,
+            evaluation=self._evaluate() if due else None,
+        )
+        self.curve.append(row)
+        callback(row)
 
-    def _evaluation(self) -> Evaluation:
+    def _evaluate(self) -> Evaluation:
+        """Run an episode in every test environment; all evaluations have the same seed."""
         seed = int(np.random.SeedSequence([self.settings.seed, 5]).generate_state(1)[0]) % 2**31
-        total, length = returns(self.learner.snapshot(), self.examiners, seed=seed)
-        mean, expert = float(total.mean()), self.job.expert_return
-        score = None if expert is None else mean / expert
-        return Evaluation(mean, float(total.min()), float(length.mean()), score)
+        total, length = measure_returns(self.learner.snapshot(), self.test_envs, seed=seed)
+        mean = float(total.mean())
+        expert = self.data.expert_return
+        return Evaluation(
+            mean=mean,
+            least=float(total.min()),
+            length=float(length.mean()),
+            score=None if expert is None else mean / expert,
+        )
 
-    def _keep(self) -> None:
-        """Write a checkpoint from which the next iteration starts anew."""
-        if self.job.folder is None:
+    def _write_checkpoint(self) -> None:
+        """Write everything from which the next iteration can be resumed, and the policy file."""
+        if self.folder is None:
             return
-        described = {
+        metadata = {
             "kind": KIND,
-            "identity": self.job.identity,
+            "identity": self.identity,
             "done": self.learner.done,
             "eta": self.learner.eta,
-            "curve": [asdict(moment) for moment in self.curve],
+            "curve": [asdict(row) for row in self.curve],
         }
-        tensors.write(self.job.folder / CHECKPOINT, self.learner.arrays(), described)
-        self._keep_policy()
+        checkpoint.write(self.folder / CHECKPOINT, self.learner.arrays(), metadata)
+        self._write_policy()
 
     def _restore(self, resume: bool) -> bool:
-        """Take up the folder's checkpoint if there is one."""
-        path = None if self.job.folder is None else self.job.folder / CHECKPOINT
+        """Take over the checkpoint in the folder; return whether there was one."""
+        path = None if self.folder is None else self.folder / CHECKPOINT
         if path is None or not path.exists():
             return False
         if not resume:
-            raise ConflictError(f"checkpoint: expected none in {path.parent}; --resume goes on")
-        arrays, described = tensors.read(path, KIND)
-        for name, value in self.job.identity.items():
-            if described["identity"][name] != value:
-                raise ConflictError(
-                    f"checkpoint: expected {_differences(described['identity'][name], value)}"
-                )
+            raise ConflictError(
+                f"checkpoint: {path.parent} has one already; --resume goes on from it, and another "
+                "folder takes a new run"
+            )
+        arrays, metadata = checkpoint.read(path, KIND)
+        _check_same_run(_with_current_names(metadata["identity"]), self.identity)
         self._refuse_fewer_steps(path.with_name(POLICY))
-        self.learner.restore(arrays, done=described["done"], eta=described["eta"])
-        self.curve = [HistoryRow.from_json(row) for row in described["curve"]]
+        self.learner.restore(arrays, done=metadata["done"], eta=metadata["eta"])
+        self.curve = [HistoryRow.from_json(row) for row in metadata["curve"]]
         return True
 
     def _refuse_fewer_steps(self, path: Path) -> None:
-        """Leave a policy alone that has learned for longer than this run is to last."""
-        of = self.settings
-        asked = of.iterations * of.environments * of.horizon
-        found = Policy.load(path).described["steps"] if path.exists() else 0
-        if found > asked:
+        """Keep a policy that was trained for longer than this run would."""
+        settings = self.settings
+        steps = settings.iterations * settings.environments * settings.horizon
+        trained = Policy.load(path).metadata["steps"] if path.exists() else 0
+        if trained > steps:
             raise ConflictError(
-                f"steps: expected at least the {found:,} that the policy in {path.parent} has "
-                f"learned for, found {asked:,}; another folder takes a shorter run"
+                f"steps: expected at least the {trained:,} that the policy in {path.parent} was "
+                f"trained for, found {steps:,}; another folder takes a shorter run"
             )
 
-    def _keep_policy(self) -> Policy:
-        last = next(moment for moment in reversed(self.curve) if moment.evaluation is not None)
-        described = {
-            **self.job.identity,
+    def _write_policy(self) -> Policy:
+        """Return the present policy, and write it with the learning curve if there is a folder."""
+        evaluated = next(row for row in reversed(self.curve) if row.evaluation is not None)
+        metadata = {
+            **self.identity,
             "steps": self.curve[-1].steps,
-            "expert_return": self.job.expert_return,
-            "evaluated": {"steps": last.steps, **asdict(last)["evaluation"]},
+            "expert_return": self.data.expert_return,
+            "evaluated": {"steps": evaluated.steps, **asdict(evaluated)["evaluation"]},
         }
-        policy = self.learner.snapshot(described)
-        if self.job.folder is not None:
-            policy.save(self.job.folder / POLICY)
-            (self.job.folder / CURVE).write_text(to_csv(self.curve))
+        policy = self.learner.snapshot(metadata)
+        if self.folder is not None:
+            policy.save(self.folder / POLICY)
+            (self.folder / CURVE).write_text(to_csv(self.curve))
         return policy
 
 
-def _refuse_unfit(of: Demonstrations, driver: Driver) -> None:
-    found = of.states.shape[1], of.actions.shape[1]
-    expected = driver.width, len(driver.box.low)
+def _check_widths(demonstrations: Demonstrations, collector: RolloutCollector) -> None:
+    """Raise InvalidInputError unless demonstrations and environment have the same widths."""
+    found = (demonstrations.states.shape[1], demonstrations.actions.shape[1])
+    expected = (collector.state_width, len(collector.action_box.low))
     if found != expected:
         raise InvalidInputError(
             f"demonstrations: expected the state and action widths {expected} of the environment, "
@@ -196,20 +307,24 @@ def _refuse_unfit(of: Demonstrations, driver: Driver) -> None:
         )
 
 
-def _differences(kept: Any, given: Any) -> str:
+def _with_current_names(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the identity in a checkpoint with its settings under the names of today."""
+    settings = {_RENAMED_SETTINGS.get(k, k): value for k, value in identity["settings"].items()}
+    return {**identity, "settings": settings}
+
+
+def _check_same_run(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Raise ConflictError that names what differs between a checkpoint's run and this one."""
+    for name, value in given.items():
+        if kept[name] != value:
+            raise ConflictError(f"checkpoint: expected {_list_differences(kept[name], value)}")
+
+
+def _list_differences(kept: Any, given: Any) -> str:
     """Say which of two JSON values differ, key by key where they are objects."""
     if not (isinstance(kept, dict) and isinstance(given, dict)):
         return f"{kept!r} as before, found {given!r}"
     names = [name for name in {**kept, **given} if kept.get(name) != given.get(name)]
-    return "; ".join(f"{n} {kept.get(n)!r} as before, found {given.get(n)!r}" for n in names)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Networks this small lose by threads, and one thread repeats its sums exactly."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+    return "; ".join(
+        f"{name} {kept.get(name)!r} as before, found {given.get(name)!r}" for name in names
+    )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
-from ssil_trainers.experiments.lessons import copy_dataset, dataset_with_labels
+from ssil_trainers.experiments.fits import copy_dataset, limit_dataset
 from support.demonstrations import drive
 
 
@@ -14,7 +14,7 @@ def test_a_working_copy_is_made_once_for_each_version(
     store: Store, dataset: Dataset, tmp_path: Path
 ) -> None:
     first = copy_dataset(store, "drives", tmp_path / "work")
-    fewer = dataset_with_labels(first, "drives", 80)
+    fewer = limit_dataset(first, "drives", 80)
     again = copy_dataset(store, "drives", tmp_path / "work")
     assert again.folder.uri == first.folder.uri and fewer in again
     appended = dataset.append([drive(9, 30)])

@@ -8,8 +8,8 @@ import pytest
 
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
-from ssil_trainers.experiments import charts, paper
-from ssil_trainers.experiments.protocol import (
+from ssil_trainers.experiments import charts, published
+from ssil_trainers.experiments.tables import (
     FEW_LABELS,
     RACETRACK,
     RC_LIDAR,
@@ -50,10 +50,10 @@ def test_tables_have_the_papers_columns_in_its_order_and_then_the_controls():
     for table in (RACETRACK, RC_LIDAR):
         columns = [row.key for row in table.rows]
         for labels in table.labels:
-            published = [
-                key for name, at, key in paper.SCORES if (name, at) == (table.name, labels)
+            in_paper = [
+                key for name, at, key in published.SCORES if (name, at) == (table.name, labels)
             ]
-            assert columns[: len(published)] == published
+            assert columns[: len(in_paper)] == in_paper
         assert columns[-3:] == ["shuffled-windowvae", "constant", "clone"]
 
 
@@ -68,12 +68,12 @@ def test_every_row_is_a_method_and_has_an_estimator_if_it_asks_for_leverage():
         keys = [row.key for row in table.rows]
         assert len(set(keys)) == len(keys)
         for row in table.rows:
-            assert (row.estimator is not None) == METHODS[row.method].needs_run
+            assert (row.estimator is not None) == METHODS[row.method].requires_run
 
 
 @pytest.mark.parametrize("table", TRAINING_TABLES, ids=lambda table: table.name)
 def test_every_method_of_a_table_has_a_colour_of_its_own(table: Table) -> None:
-    colour: Any = charts._colour(table).to_dict()
+    colour: Any = charts.method_color(table).to_dict()
     scale = colour["scale"]
     assert len(set(scale["range"])) == len(scale["domain"]) == len(table.rows)
-    assert charts._OTHER not in scale["range"]
+    assert charts.OTHER_COLOR not in scale["range"]

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssil_trainers.experiments import paper
+from ssil_trainers.experiments import published
 from ssil_trainers.experiments.claims import claims, controls
-from ssil_trainers.experiments.ledger import (
+from ssil_trainers.experiments.tables import ESTIMATORS, TRAINING_TABLES
+from ssil_trainers.experiments.verdicts import (
     TIE,
     Exceeds,
     Numbers,
     Rises,
     Steadier,
     Verdict,
-    by_chance,
+    verdicts_by_chance,
 )
-from ssil_trainers.experiments.protocol import ESTIMATORS, TRAINING_TABLES
 
 LOW, MIDDLE, HIGH = [0.48, 0.50, 0.52], [0.2, 0.5, 0.8], [0.98, 1.0, 1.02]
 
@@ -114,7 +114,8 @@ def test_a_claimed_factor_is_that_of_the_papers_table_unless_a_note_says_otherwi
         rule = claim.rule
         if isinstance(rule, Exceeds) and not claim.note:
             better, worse = (
-                paper.SCORES[rule.table, rule.labels, key][0] for key in (rule.better, rule.worse)
+                published.SCORES[rule.table, rule.labels, key][0]
+                for key in (rule.better, rule.worse)
             )
             assert better > worse, claim
             assert rule.factor == 1.0 or better / worse == pytest.approx(rule.factor, rel=2e-3)
@@ -125,7 +126,8 @@ def test_claimed_deviations_are_lower_in_the_papers_table():
         rule = claim.rule
         if isinstance(rule, Steadier):
             first, second = (
-                paper.SCORES[rule.table, rule.labels, key][1] for key in (rule.steadier, rule.other)
+                published.SCORES[rule.table, rule.labels, key][1]
+                for key in (rule.steadier, rule.other)
             )
             assert first < second, claim
             if rule.share < 1:
@@ -174,12 +176,12 @@ def test_a_size_beyond_the_highest_score_of_the_table_is_told_and_changes_no_ver
 
 
 def test_chance_makes_verdicts_about_equal_methods_in_a_share_that_seeds_decide():
-    three, five = by_chance(3), by_chance(5)
+    three, five = verdicts_by_chance(3), verdicts_by_chance(5)
     assert three is not None and five is not None
     assert three.means == pytest.approx(0.25, abs=0.03)
     assert five.means == pytest.approx(0.18, abs=0.03)
     assert three.deviations == 0 < five.deviations
-    assert by_chance(2) is None
+    assert verdicts_by_chance(2) is None
 
 
 def test_chance_makes_as_many_verdicts_as_the_rule_itself_of_scores_drawn_alike():
@@ -187,7 +189,7 @@ def test_chance_makes_as_many_verdicts_as_the_rule_itself_of_scores_drawn_alike(
     for _ in range(300):
         found = Exceeds("t", 100, "a", "b")(numbers(*rng.normal(size=(2, 3)).tolist()))
         told += found.verdict is not Verdict.NOT_REPRODUCED
-    expected = by_chance(3)
+    expected = verdicts_by_chance(3)
     assert expected is not None
     assert told / 300 == pytest.approx(expected.means, abs=0.07)
 
@@ -197,7 +199,8 @@ def test_a_claim_that_the_papers_table_denies_has_a_note():
         rule = claim.rule
         if isinstance(rule, Exceeds):
             better, worse = (
-                paper.SCORES[rule.table, rule.labels, key][0] for key in (rule.better, rule.worse)
+                published.SCORES[rule.table, rule.labels, key][0]
+                for key in (rule.better, rule.worse)
             )
             assert better > worse or "its own table says otherwise" in claim.note, claim
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 PARENT = """
 import os, time
-from ssil_trainers.experiments.pool import pool
+from ssil_trainers.experiments.process_pool import pool
 
 if __name__ == "__main__":
     with pool(1) as executor:

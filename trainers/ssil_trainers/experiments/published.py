@@ -1,4 +1,4 @@
-"""The paper's own numbers (Lee et al.), for the columns beside ours; nothing is judged by them.
+"""The paper's published numbers (Lee et al.), shown beside ours; nothing is judged by them.
 
 Table I: mean and deviation over three seeds on TORCS, by labeled pairs; Table II: mean leverage by
 quality tier; Table III: maximum score and deviation on the RC car.
@@ -25,6 +25,7 @@ _TABLE_III = {
 
 
 def _number(text: str) -> tuple[float, float]:
+    """Read "mean/deviation"."""
     mean, deviation = text.split("/")
     return float(mean), float(deviation)
 
@@ -42,7 +43,7 @@ SCORES: Mapping[tuple[str, int | None, str], tuple[float, float]] = {
 REMARKS: Mapping[str, str] = {
     "rc-lidar": "The paper's scores are maxima over training, ours are final ones."
 }
-"""What sets its numbers of a table apart from ours."""
+"""How the paper's numbers of a table differ in kind from ours."""
 
 LEVERAGE: Mapping[str, tuple[float, ...]] = {
     "vae": (0.7236, 0.8474, 0.8586, 0.9776),

@@ -1,4 +1,4 @@
-"""The paper's tables as data: which methods on which labels, where they train and are tested."""
+"""The tables as data: which methods on how many labels, where they train and are tested."""
 
 from __future__ import annotations
 
@@ -8,12 +8,24 @@ from ssil_trainers.algorithms.config import TrainSettings
 
 ESTIMATORS = ("gpr", "mdn", "vae", "windowvae")
 SHARED_RUN = "windowvae"
-"""Whose leverage the controls shuffle, and imitation is weighted by."""
+"""Estimator of the leverage that the controls shuffle and that pairs are weighted by."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method of a table. One that is `labeled` is trained for every number of labels."""
+    """One method of a table.
+
+    Parameters
+    ----------
+    method:
+        Name of the method.
+    title:
+        Name of the row on the page.
+    estimator:
+        Estimator of the leverage; None for a method without one.
+    labeled:
+        Whether the number of labels matters. If not, one run stands for all numbers of labels.
+    """
 
     method: str
     title: str
@@ -30,9 +42,32 @@ class Row:
 class Table:
     """One table of training runs.
 
-    labels: None is all that there are. tests: tasks of the real environment that a policy's score
-    is the mean over; `train_on` is where it learns, on the twin. full_score: the return that counts
-    as 1, None for the expert's mean return. budget: environment steps of one run.
+    Parameters
+    ----------
+    name:
+        Name in files.
+    title:
+        Title on the page.
+    dataset:
+        Name of the demonstrations.
+    train_on:
+        Task whose vectorized twin the policies are trained in.
+    tests:
+        Tasks of the real environment; a policy's score is the mean over them.
+    labels:
+        Numbers of labeled pairs; None is all.
+    rows:
+        The methods.
+    budget:
+        Environment steps of one training run.
+    evaluate_every:
+        Iterations between points of the learning curve.
+    pretrained:
+        Whether policies start from behavior cloning.
+    full_score:
+        Return that counts as 1; None for the expert's mean return.
+    episodes:
+        Test episodes on each task.
     """
 
     name: str
@@ -48,10 +83,20 @@ class Table:
     full_score: float | None = None
     episodes: int = 10
 
-    def settings(self, given: TrainSettings, *, seed: int, budget: int | None) -> TrainSettings:
-        """Return the settings of one run: `given`, the same for every method, and the table's."""
+    def settings(self, settings: TrainSettings, *, seed: int, budget: int | None) -> TrainSettings:
+        """Return settings with the table's own in their place.
+
+        Parameters
+        ----------
+        settings:
+            Settings that are the same for every table.
+        seed:
+            Seed of the run.
+        budget:
+            Environment steps; None for the table's.
+        """
         return replace(
-            given,
+            settings,
             seed=seed,
             steps=self.budget if budget is None else budget,
             pretrained=self.pretrained,
@@ -60,6 +105,7 @@ class Table:
 
 
 def _ssil(*estimators: str) -> tuple[Row, ...]:
+    """Return a row of SSIL for each estimator."""
     titles = {"gpr": "GPR", "mdn": "MDN", "vae": "VAE", "windowvae": "windowVAE"}
     return tuple(Row("ssil", f"SSIL ({titles[kind]})", kind) for kind in estimators)
 
@@ -67,7 +113,7 @@ def _ssil(*estimators: str) -> tuple[Row, ...]:
 _CONTROLS = (
     Row("shuffled", "SSIL, leverage shuffled", SHARED_RUN),
     Row("constant", "constant reward", labeled=False),
-    Row("clone", "behaviour cloning"),
+    Row("clone", "behavior cloning"),
 )
 
 RACETRACK = Table(
@@ -110,7 +156,10 @@ RC_LIDAR = Table(
 RC_LIDAR_TIGHT = replace(
     RC_LIDAR, name="rc-lidar-tight", title=f"{RC_LIDAR.title}, a fifth of the steps", budget=8_192
 )
-"""Survival is the score and any reward pays for it, a constant one too: given time, all survive."""
+"""The score is survival, for which any positive reward pays, a constant one too.
+
+With the whole budget every method survives; a fifth of it shows differences.
+"""
 
 FEW_LABELS = Table(
     name="few-labels",
@@ -127,14 +176,14 @@ FEW_LABELS = Table(
         Row("gail-leverage", "GAIL, all by leverage", SHARED_RUN),
         Row("ssil-leverage", "SSIL, all by leverage", SHARED_RUN),
         Row("clone-mixed", "cloning of all"),
-        Row("clone", "behaviour cloning"),
+        Row("clone", "behavior cloning"),
         Row("clone-leverage", "cloning of all by leverage", SHARED_RUN),
     ),
     budget=16_384,
     evaluate_every=1,
     pretrained=True,
 )
-"""Eight iterations after cloning: where unlabeled pairs, imitated by their leverage, pay.
+"""Eight iterations after cloning: where imitating unlabeled pairs by their leverage helps most.
 
 The rows that imitate all pairs with equal weights are the controls of those by leverage.
 """

@@ -1,0 +1,112 @@
+"""What a training run learns from: demonstrations, a scoring run on them, the expert's return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ssil_data.client import RemoteDataset
+from ssil_data.store.dataset import Dataset
+from ssil_trainers.algorithms.methods import Demonstrations
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """Demonstrations, and what is known about them.
+
+    Parameters
+    ----------
+    demonstrations:
+        The pairs to learn from.
+    expert_return:
+        The expert's mean return, which makes a score of 1; None if it is not known.
+    identity:
+        JSON that identifies the demonstrations: a checkpoint is resumed only with the same.
+
+    Examples
+    --------
+    >>> data = TrainingData.read(dataset, "vae")
+    >>> len(data.demonstrations.states), int(data.demonstrations.labeled.sum())
+    (420, 120)
+    >>> data.identity["dataset"], data.identity["run"]
+    ('drives', 'vae')
+    """
+
+    demonstrations: Demonstrations
+    expert_return: float | None = None
+    identity: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def read(
+        cls, dataset: Dataset | RemoteDataset, run: str | None, *, threads: int | None = None
+    ) -> TrainingData:
+        """Read a dataset, and the leverage and the field of a scoring run on it.
+
+        Parameters
+        ----------
+        dataset:
+            The dataset, in a store or at a service.
+        run:
+            Name of the scoring run; None for none.
+        threads:
+            Threads of a field in this process; None for all processors.
+
+        Raises
+        ------
+        NotFoundError
+            If the dataset has no such run.
+        """
+        pairs = dataset.pairs()
+        leverage = None
+        leverage_field = None
+        if run is not None:
+            leverage = np.asarray(dataset.leverage(run))
+            options: dict[str, Any] = {"threads": threads} if isinstance(dataset, Dataset) else {}
+            leverage_field = dataset.field(run, **options)
+        demonstrations = Demonstrations(
+            states=pairs.states,
+            actions=pairs.actions,
+            labeled=dataset.per_pair("labeled").astype(bool),
+            leverage=leverage,
+            field=leverage_field,
+            threads=threads,
+        )
+        identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
+        return cls(demonstrations, measure_expert_return(dataset), identity)
+
+
+def measure_expert_return(dataset: Dataset | RemoteDataset) -> float | None:
+    """Return the expert's mean return, which makes a score of 1; for evaluation only.
+
+    An episode's recorded score is its return over the expert's. The expert's return is therefore
+    the median of return / score over whole episodes.
+
+    Parameters
+    ----------
+    dataset:
+        The demonstrations.
+
+    Returns
+    -------
+    :
+        The expert's return; None if no reward or score is recorded, or every episode was cut.
+
+    Examples
+    --------
+    >>> measure_expert_return(dataset) is None  # no rewards are recorded
+    True
+    """
+    rewards = dataset.read_recorded("reward")
+    if rewards is None:
+        return None
+    lengths = dataset.episodes["length"].to_numpy()
+    totals = np.add.reduceat(rewards.astype(np.float64), np.cumsum(lengths) - lengths)
+    whole = [
+        total / row["score"]
+        for total, row in zip(totals, dataset.episodes.to_pylist(), strict=True)
+        if row["score"] and row["ending"] != "cut"
+    ]
+    return float(np.median(whole)) if whole else None
