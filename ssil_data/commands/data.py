@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_data.errors import DamagedError, InvalidInputError
-from ssil_data.interop import Columns, Imported, Layout, import_episodes, read_columns
+from ssil_data.interop import Columns, ImportedEpisodes, Layout, import_episodes, read_columns
 from ssil_data.store.dataset import Dataset
+from ssil_data.store.episodes import check_dimension_names
+from ssil_data.store.summary import summarize
 
 _Columns = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())]
 
@@ -192,33 +194,25 @@ def _confirm_delete(row: dict[str, str | int]) -> bool:
         return False
 
 
-def summarize_dataset(dataset: Dataset) -> dict[str, str | int]:
-    return {
-        "dataset": dataset.name,
-        "version": dataset.version,
-        "pairs": len(dataset),
-        "episodes": len(dataset.episodes),
-        "labeled": int(dataset.per_pair("labeled").sum()),
-        "state": len(dataset.state_names),
-        "action": len(dataset.action_names),
-        "runs": len(dataset.runs.names()),
-    }
+def summarize_dataset(dataset: Dataset) -> dict[str, Any]:
+    """Return a dataset's summary as a row, with numbers of dimensions and runs, not their names."""
+    row: dict[str, Any] = dict(summarize(dataset))
+    names = {"state": row.pop("state_names"), "action": row.pop("action_names")}
+    runs = row.pop("runs")
+    return {**row, "state": len(names["state"]), "action": len(names["action"]), "runs": len(runs)}
 
 
-def _refuse_other_names(dataset: Dataset, found: Imported) -> Dataset:
+def _refuse_other_names(dataset: Dataset, found: ImportedEpisodes) -> Dataset:
     """Return the dataset if the new episodes have its state and action names, in its order."""
-    for kind, names, have in (
-        ("state", found.state_names, dataset.state_names),
-        ("action", found.action_names, dataset.action_names),
-    ):
-        if list(names) != have:
-            raise InvalidInputError(
-                f"{kind} of {dataset.name}: expected {have} as in the dataset, found {list(names)}"
-            )
+    check_dimension_names(
+        dataset.name,
+        found={"state": found.state_names, "action": found.action_names},
+        expected={"state": dataset.state_names, "action": dataset.action_names},
+    )
     return dataset
 
 
-def _card(name: str, columns: Columns, found: Imported) -> str:
+def _card(name: str, columns: Columns, found: ImportedEpisodes) -> str:
     labeled = [episode for episode in found.episodes if episode.labeled]
     return (
         f"# {name}\n\nImported from `{columns.path.name}`: {len(found.episodes)} episodes, "

@@ -1,4 +1,4 @@
-"""Comma-separated files with a line of column names."""
+"""Comma-separated files whose first line has the names of the columns."""
 
 from __future__ import annotations
 
@@ -9,20 +9,32 @@ import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.interop.arrow import columns_of
+from ssil_data.interop.arrow import decode_table
 from ssil_data.interop.columns import Columns
 from ssil_data.interop.parsing import refuse_unreadable
 
 
 def read(path: Path) -> Columns:
-    """Read a CSV file; a line of another length, or an empty cell, is refused with its number."""
-    odd: list[arrow_csv.InvalidRow] = []
+    """Read a CSV file.
+
+    Parameters
+    ----------
+    path
+        The file, in UTF-8.
+
+    Raises
+    ------
+    InvalidInputError
+        If the first line has no names, a line has another number of cells, or a cell is empty; it
+        names the line.
+    """
+    invalid: list[arrow_csv.InvalidRow] = []
 
     def remember(row: arrow_csv.InvalidRow) -> str:
-        odd.append(row)
-        return "skip" if len(odd) == 1 else "error"
+        invalid.append(row)
+        return "skip" if len(invalid) == 1 else "error"
 
-    with refuse_unreadable(path, "CSV"):
+    with refuse_unreadable(path, "a CSV file"):
         _check_text(path)
         try:
             table = arrow_csv.read_csv(
@@ -34,21 +46,21 @@ def read(path: Path) -> Columns:
                 ),
             )
         except pa.ArrowException:
-            if not odd:
+            if not invalid:
                 raise
-            raise InvalidInputError(_odd(path, odd[0])) from None
+            raise InvalidInputError(_describe_invalid_row(path, invalid[0])) from None
         if all(map(_is_number, table.column_names)):
             raise InvalidInputError(
                 f"{path}: expected a line of column names, "
                 f"found numbers {_shorten(table.column_names)}"
             )
-        if odd:
-            raise InvalidInputError(_odd(path, odd[0]))
-        return columns_of(path, table, place="in line", first=2)
+        if invalid:
+            raise InvalidInputError(_describe_invalid_row(path, invalid[0]))
+        return decode_table(path, table, place="in line", first=2)
 
 
 def _check_text(path: Path) -> None:
-    # before Arrow sees it: an odd line that is not UTF-8 would be skipped, not remembered
+    """Refuse what is not UTF-8, before Arrow does: it would skip such a line without a word."""
     with path.open("rb") as file:
         for number, line in enumerate(file, start=1):
             try:
@@ -60,7 +72,7 @@ def _check_text(path: Path) -> None:
                 ) from None
 
 
-def _odd(path: Path, row: arrow_csv.InvalidRow) -> str:
+def _describe_invalid_row(path: Path, row: arrow_csv.InvalidRow) -> str:
     return (
         f"{path}: expected {row.expected_columns} columns as in the header, "
         f"found {row.actual_columns} in line {row.number}"

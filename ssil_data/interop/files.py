@@ -1,4 +1,4 @@
-"""Which module reads a file, by its suffix."""
+"""Reading any file: which module does it, by the suffix."""
 
 from __future__ import annotations
 
@@ -23,11 +23,22 @@ SUFFIXES = tuple(_READERS)
 
 
 def read_columns(path: Path) -> Columns:
-    """Read the named columns of a file; raises NotFoundError or InvalidInputError, naming it."""
+    """Read the named columns of a file, in any of the formats of `SUFFIXES`.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    InvalidInputError
+        If it cannot be read.
+    """
     if not path.is_file():
-        raise NotFoundError(
-            f"file: expected {path}, found {'a folder' if path.is_dir() else 'none'}"
-        )
+        raise NotFoundError(f"file: {path} {'is a folder' if path.is_dir() else 'does not exist'}")
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise InvalidInputError(
@@ -38,10 +49,29 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_states(path: Path, names: list[str]) -> NDArray[np.float32]:
-    """Read states to ask about, (m, d), for a dataset whose dimensions have `names`.
+    """Read query states for a dataset.
 
-    Taken are the columns of those names; or else `states` or `state`; or else all columns, if
-    there are d of them. Raises InvalidInputError.
+    The columns of the dataset's dimensions are taken, by name; or else `states` or `state`; or
+    else all columns.
+
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        Names of the dataset's d state dimensions.
+
+    Returns
+    -------
+    NDArray
+        States (m, d), finite.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    InvalidInputError
+        If it cannot be read, or what is taken has not d columns of finite numbers.
     """
     columns = read_columns(path)
     known = columns.names

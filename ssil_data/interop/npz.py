@@ -1,4 +1,4 @@
-"""NumPy's own files: arrays by name, or one array. Objects are never unpickled."""
+"""NumPy's own files: several arrays by name, or one array. Nothing is ever unpickled."""
 
 from __future__ import annotations
 
@@ -13,14 +13,24 @@ from ssil_data.interop.parsing import refuse_unreadable
 
 
 def read(path: Path) -> Columns:
-    """Read the arrays of an npz file, or the one of an npy file under the name `states`.
+    """Read an npz file, or an npy file, whose array is given the name `states`.
 
-    Arrays of Python objects and scalars are no columns; they are refused when they are asked for.
+    Arrays of Python objects and scalars are left out; using one raises an error that says so.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is damaged.
     """
-    with refuse_unreadable(path, "NumPy"), path.open("rb") as file:
+    with refuse_unreadable(path, "a NumPy file"), path.open("rb") as file:
         loaded = np.load(file, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
-            return Columns(path, [("states", _text_decoded(loaded))])
+            return Columns(path, [("states", _decode_text(loaded))])
         return Columns(path, [(name, _member(loaded, name)) for name in loaded.files])
 
 
@@ -33,10 +43,10 @@ def _member(archive: np.lib.npyio.NpzFile, name: str) -> NDArray[Any] | Unreadab
         return Unreadable("Python objects")
     if not isinstance(array, np.ndarray):
         return Unreadable("a member that is no NumPy array")
-    return _text_decoded(array)
+    return _decode_text(array)
 
 
-def _text_decoded(array: NDArray[Any]) -> NDArray[Any] | Unreadable:
+def _decode_text(array: NDArray[Any]) -> NDArray[Any] | Unreadable:
     try:
         if array.dtype.kind == "S":
             return np.char.decode(array, "utf-8")

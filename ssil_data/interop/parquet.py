@@ -1,4 +1,4 @@
-"""Parquet files with one number or text per cell, or one list of numbers of a fixed width."""
+"""Parquet files, with a number, a text or a list of numbers of one width in each cell."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from ssil_data.interop.arrow import columns_of
+from ssil_data.interop.arrow import decode_table
 from ssil_data.interop.columns import Columns
 from ssil_data.interop.parsing import refuse_unreadable
 
 
 def read(path: Path) -> Columns:
-    """Read the columns of a Parquet file; one of another kind is refused when it is asked for."""
-    with refuse_unreadable(path, "Parquet"):
+    """Read a Parquet file.
+
+    A column of another kind than numbers, text, times or lists of numbers is left out; using it
+    raises an error that says what it is.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is damaged, or a cell of a column is empty.
+    """
+    with refuse_unreadable(path, "a Parquet file"):
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
         table.validate(full=True)
-        return columns_of(path, table, place="at row", first=0)
+        return decode_table(path, table, place="at row", first=0)

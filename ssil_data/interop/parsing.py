@@ -1,4 +1,4 @@
-"""Whatever a parser raises over a file's bytes is the file's fault, told in one line."""
+"""Whatever a parser raises while it reads a file becomes one error that names the file."""
 
 from __future__ import annotations
 
@@ -11,15 +11,27 @@ from ssil_data.errors import InvalidInputError, SsilDataError
 
 @contextmanager
 def refuse_unreadable(path: Path, kind: str) -> Iterator[None]:
-    """Turn any failure to read `path` as a file of this kind into InvalidInputError.
+    """Turn any failure to read a file into InvalidInputError.
 
-    Parsers of damaged files raise what their inner workings raise: zlib.error, MemoryError,
-    RuntimeError, UnicodeDecodeError; a list of them would never be complete.
+    Parsers of damaged files raise what their parts raise: zlib.error, MemoryError, RuntimeError,
+    UnicodeDecodeError; a list of them would never be complete.
+
+    Parameters
+    ----------
+    path
+        File being read, or the name of what is read.
+    kind
+        What it should be, such as "a CSV file".
+
+    Raises
+    ------
+    InvalidInputError
+        For any exception but those of this library, which pass unchanged.
     """
     try:
         yield
     except SsilDataError:
         raise
     except Exception as error:
-        found = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInputError(f"{path}: expected a {kind} file, found {found}") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(f"{path}: cannot be read as {kind}: {reason}") from None

@@ -227,7 +227,7 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
         "found 'nope'": ("lcor", "drives", "--run", "nope", "--episode", 0),
         "expected 0 to 10": ("lcor", "drives", "--run", "gpr", "--episode", 11),
         "found both": (*ask, scored.folder / "states.npy", "--episode", 0),
-        "found none": ("import", scored.folder / "missing.csv", "--name", "new"),
+        "missing.csv does not exist": ("import", scored.folder / "missing.csv", "--name", "new"),
     }
     for expected, words in cases.items():
         message = scored.refused(*words)
