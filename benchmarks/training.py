@@ -1,4 +1,4 @@
-"""How many environment steps a second does training make, evaluation included?
+"""How many environment steps per second does training make, evaluation included?
 
 Rows train in turns with each other on the racetrack's twin, 32 cars × 64 steps an iteration, torch
 in one thread. stable-baselines3-contrib's TRPO gets the true reward, and has no discriminator, no
@@ -32,14 +32,15 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 import ssil_data as sd
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.methods import METHODS, Demonstrations
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.envs.registry import make_single, make_vectorized
 from ssil_trainers.envs.sb3_vec_env import StableBaselinesVecEnv
-from ssil_trainers.training.label_subset import expert_return
-from ssil_trainers.training.run import TrainJob, train
+from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.run import TrainResult, train
 
 ROUNDS = 3
-STEPS, REAL_STEPS = 65_536, 4_096
+STEPS = 65_536
+REAL_STEPS = 4_096
 OURS = TrainSettings()
 LIKE_OURS = {
     "n_steps": OURS.horizon,
@@ -55,21 +56,11 @@ LIKE_OURS = {
 }
 
 
-def job(dataset: sd.Dataset, method: str, settings: TrainSettings) -> TrainJob:
-    """Return a run of a method on the racetrack, which leaves no files."""
-    run = "windowvae" if METHODS[method].takes_run else None
-    pairs = dataset.pairs()
-    demonstrations = Demonstrations(
-        pairs.states,
-        pairs.actions,
-        dataset.per_pair("labeled").astype(bool),
-        dataset.leverage(run) if run else None,
-        dataset.field(run) if run else None,
-    )
-    expert = expert_return(dataset)
-    return TrainJob(
-        method, settings, demonstrations, lambda n: make_vectorized("racetrack", n), {}, expert
-    )
+def train_on_racetrack(dataset: sd.Dataset, method: str, settings: TrainSettings) -> TrainResult:
+    """Train by a method on the racetrack; leaves no files."""
+    run = "windowvae" if METHODS[method].uses_run else None
+    data = TrainingData.read(dataset, run)
+    return train(method, data, partial(make_vectorized, "racetrack"), settings=settings)
 
 
 def rival(envs: VecEnv, steps: int, settings: Mapping[str, Any]) -> None:
@@ -89,7 +80,7 @@ def real() -> VecEnv:
 
 @dataclass(frozen=True)
 class Row:
-    """One of what is compared: trains for a number of steps."""
+    """One row of the comparison: a training loop, called with a number of steps."""
 
     name: str
     train: Callable[[int], object]
@@ -100,8 +91,8 @@ def rows(dataset: sd.Dataset) -> list[Row]:
     """Return what is compared."""
 
     def ours(method: str, evaluate_every: int = OURS.evaluate_every) -> Callable[[int], object]:
-        return lambda steps: train(
-            job(dataset, method, replace(OURS, steps=steps, evaluate_every=evaluate_every))
+        return lambda steps: train_on_racetrack(
+            dataset, method, replace(OURS, steps=steps, evaluate_every=evaluate_every)
         )
 
     return [
@@ -122,10 +113,12 @@ def print_speeds(compared: list[Row]) -> None:
         row.train(2_048)
     for _ in range(ROUNDS):
         for row in compared:
-            wall, processor = time.perf_counter(), time.process_time()
+            wall = time.perf_counter()
+            processor = time.process_time()
             row.train(row.steps)
-            spent = time.process_time() - processor, time.perf_counter() - wall
-            found[row.name].append((row.steps / spent[0], row.steps / spent[1]))
+            processor_seconds = time.process_time() - processor
+            wall_seconds = time.perf_counter() - wall
+            found[row.name].append((row.steps / processor_seconds, row.steps / wall_seconds))
     median = {
         name: [statistics.median(column) for column in zip(*rates, strict=True)]
         for name, rates in found.items()
@@ -139,18 +132,20 @@ def print_speeds(compared: list[Row]) -> None:
 
 
 def print_shares(dataset: sd.Dataset) -> None:
-    """Print which share of GAIL's time is whose."""
+    """Print how GAIL's time is shared out among its parts."""
     profile = cProfile.Profile()
-    profile.runcall(train, job(dataset, "gail", TrainSettings(steps=STEPS)))
+    profile.runcall(train_on_racetrack, dataset, "gail", TrainSettings(steps=STEPS))
     stats = pstats.Stats(profile).stats  # pyright: ignore[reportAttributeAccessIssue]
     whole = max(figures[3] for figures in stats.values())
     names = {
-        ("rollout.py", "roll"): "driving",
-        ("training.py", "_evaluation"): "evaluation",
+        ("rollout.py", "collect"): "driving",
+        ("run.py", "_evaluate"): "evaluation",
         ("discriminator.py", "__call__"): "discriminator",
         ("trpo.py", "step"): "policy step",
-        ("adversarial.py", "_fit_critics"): "critics",
+        ("learner.py", "_fit_critics"): "critics",
     }
+    missing = set(names) - {(Path(place).name, function) for place, _, function in stats}
+    assert not missing, f"functions that were renamed: {missing}"
     shares = {
         names[Path(place).name, function]: figures[3] / whole
         for (place, _, function), figures in stats.items()

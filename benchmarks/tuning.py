@@ -1,8 +1,8 @@
-"""Which settings serve every method, and where do unlabeled pairs pay?
+"""Which settings suit every method, and where do unlabeled pairs help?
 
 `python benchmarks/tuning.py knobs` changes one setting at a time, for every method alike;
-`python benchmarks/tuning.py lasts` asks some settings for the whole budget of the paper's table;
-`python benchmarks/tuning.py pays` goes through the places where leverage may be worth something.
+`python benchmarks/tuning.py lasts` runs some settings for the whole budget of the paper's table;
+`python benchmarks/tuning.py pays` runs every method where leverage may be worth something.
 Scores are those of the learning curve: the mean action on the twin, or on Pendulum-v1 itself. Rows
 are appended to a CSV as they are made, and those it has are not made again. One core.
 """
@@ -18,33 +18,34 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import cyclopts
 import numpy as np
 import torch
-from gymnasium.vector import VectorEnv
 
 import ssil_data as sd
 from ssil_data.demonstrations import Episode
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.methods import METHODS, Demonstrations
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.envs.registry import make_vectorized
-from ssil_trainers.experiments.lessons import Fit, copy_dataset, dataset_with_labels
+from ssil_trainers.experiments.fits import Fit, copy_dataset, limit_dataset
 from ssil_trainers.experiments.statistics import Curve
-from ssil_trainers.training.label_subset import expert_return
-from ssil_trainers.training.run import TrainJob, train
+from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.run import train
 
 DATASETS = Path(__file__).parents[1] / "datasets"
-LABELED, CUT = 6, 2.0
-"""Pendulum: labeled trajectories of the expert; the torque that the environment cuts off at."""
+LABELED = 6
+"""Pendulum: labeled trajectories of the expert."""
+CUT = 2.0
+"""Pendulum: the torque beyond which the environment clips."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is learned where; `full` is the score of 1, None for the expert's mean return."""
+    """Demonstrations and environment; `full` is the return that scores 1, None for the expert's."""
 
     dataset: str
     env: str
@@ -67,7 +68,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Found:
-    """What became of it: mean height of the curve, steps to .9, last score and that of three."""
+    """Its result: mean height of the curve, steps to .9, last score and mean of the last three."""
 
     area: float
     steps_to_90: int | None
@@ -102,7 +103,7 @@ KNOBS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
     ({"gradient_penalty": 0.1, "discriminator_rate": 1e-3}, FOUR),
     *(({"discriminator_steps": steps}, FOUR) for steps in (5, 20)),
     *(({"entropy": weight}, FOUR) for weight in (0.0, 0.01)),
-    ({"centred": False}, SHAPED),
+    ({"centered": False}, SHAPED),
     *(({"eta": weight}, SHAPED) for weight in (0.3, 3.0)),
 )
 LASTING: tuple[dict[str, Any], ...] = (
@@ -116,7 +117,7 @@ AROUND = {"discriminator_rate": 5e-4}
 
 
 def questions(which: str, problems: tuple[str, ...], seeds: range) -> Iterator[Run]:
-    """Go through the runs of a question, a setting after another."""
+    """Yield the runs of a question, setting by setting."""
     every = tuple(name for name in METHODS if name != "constant")
     table, there = {
         "knobs": (tuple(({**AROUND, **changed}, methods) for changed, methods in KNOBS), TUNED),
@@ -161,22 +162,16 @@ class Bench:
     vild: Path | None
 
     @cache  # noqa: B019  lives as long as the script
-    def lessons(self, problem: Problem, seed: int) -> tuple[Demonstrations, float]:
-        """Return the demonstrations with the leverage of a windowVAE, and the score of 1."""
+    def data(self, problem: Problem, seed: int) -> TrainingData:
+        """Read the demonstrations, windowVAE leverage, and the return that scores 1."""
         store = self._store(problem.dataset)
-        name = dataset_with_labels(store, problem.dataset, problem.labels)
-        fit = Fit.of(store.folder.uri, name, "windowvae", "default", seed)
+        name = limit_dataset(store, problem.dataset, problem.labels)
+        fit = Fit.of(store, name, estimator="windowvae", preset="default", seed=seed)
         fit()
-        dataset = store[name]
-        pairs, full = dataset.pairs(), problem.full or expert_return(dataset)
+        data = TrainingData.read(store[name], fit.run, threads=1)
+        full = problem.full or data.expert_return
         assert full is not None
-        return Demonstrations(
-            pairs.states,
-            pairs.actions,
-            dataset.per_pair("labeled").astype(bool),
-            np.asarray(dataset.leverage(fit.run)),
-            dataset.field(fit.run, threads=1),
-        ), full
+        return replace(data, expert_return=full)
 
     def _store(self, name: str) -> sd.Store:
         if name != "pendulum":
@@ -184,37 +179,41 @@ class Bench:
         store = sd.Store(self.work / name)
         if name not in store:
             if self.vild is None:
-                raise SystemExit("pendulum: expected --vild, the folder of VILD's Pendulum-v0")
-            of_state, of_action = ["cos", "sin", "speed"], ["torque"]
-            episodes = pendulum(self.vild)
-            store.create(name, episodes, state_names=of_state, action_names=of_action)
+                raise SystemExit(
+                    "pendulum: name the folder of VILD's Pendulum-v0 demonstrations by --vild"
+                )
+            store.create(
+                name,
+                pendulum(self.vild),
+                state_names=["cos", "sin", "speed"],
+                action_names=["torque"],
+            )
         return store
 
     def __call__(self, run: Run) -> Found:
         """Do one run."""
         problem = PROBLEMS[run.problem]
-        demonstrations, full = self.lessons(problem, run.seed)
-        given = TrainSettings(
+        defaults = TrainSettings(
             seed=run.seed,
             steps=problem.steps,
             evaluate_every=problem.evaluate_every,
             pretrained=problem.pretrained,
         )
-        settings = replace(given, **json.loads(run.changed))
-
-        def worlds(count: int) -> VectorEnv[Any, Any, Any]:
-            return make_vectorized(problem.env, count)
-
-        job = TrainJob(run.method, settings, demonstrations, worlds, {}, full)
-        seen = [m for m in train(job).curve if m.evaluation is not None]
-        scores = [m.evaluation.score or 0.0 for m in seen if m.evaluation is not None]
-        curve = Curve(tuple(m.steps for m in seen), tuple(scores))
+        result = train(
+            run.method,
+            self.data(problem, run.seed),
+            partial(make_vectorized, problem.env),
+            settings=replace(defaults, **json.loads(run.changed)),
+        )
+        rows = [(row.steps, row.evaluation) for row in result.curve if row.evaluation is not None]
+        scores = [evaluation.score or 0.0 for _, evaluation in rows]
+        curve = Curve(tuple(steps for steps, _ in rows), tuple(scores))
         reached = curve.steps_to(0.9 if problem.full != 1.0 else -200.0)
         return Found(curve.area, reached, scores[-1], float(np.mean(scores[-3:])))
 
 
-def kept(path: Path) -> dict[Run, Found]:
-    """Read the rows that were made before."""
+def read_rows(path: Path) -> dict[Run, Found]:
+    """Read the rows of earlier calls."""
     if not path.exists():
         return {}
     with path.open() as file:
@@ -229,9 +228,10 @@ def kept(path: Path) -> dict[Run, Found]:
         }
 
 
-def keep(path: Path, run: Run, found: Found) -> None:
+def append_row(path: Path, run: Run, found: Found) -> None:
     """Append a row."""
-    row, fresh = {**asdict(run), **asdict(found)}, not path.exists()
+    row = {**asdict(run), **asdict(found)}
+    fresh = not path.exists()
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, list(row), lineterminator="\n")
         if fresh:
@@ -247,7 +247,8 @@ def print_table(rows: Mapping[Run, Found]) -> None:
     print(f"{'':>66}{'seeds':>6}{'area':>9}{'to 90 %':>9}{'last three':>11}{'worst':>9}")
     for names, found in groups.items():
         steps = float(np.median([f.steps_to_90 or np.inf for f in found]))
-        area, last = np.mean([f.area for f in found]), [f.last_three for f in found]
+        area = np.mean([f.area for f in found])
+        last = [f.last_three for f in found]
         reached = f"{steps:,.0f}" if np.isfinite(steps) else "–"
         print(
             f"{names[0]:>24}{names[1]:>28}{names[2]:>14}{len(found):>6}"
@@ -266,18 +267,19 @@ def main(
     work: Path = Path("build/tuning"),
     vild: Path | None = None,
 ) -> None:
-    """Do what is not done and print it all."""
+    """Do the runs that are missing, and print a table of all."""
     torch.set_num_threads(1)
     path = output or work / f"{question}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
-    bench, done = Bench(work, vild), kept(path)
-    wanted = list(questions(question, problems, range(first_seed, first_seed + seeds)))
-    for run in wanted:
+    bench = Bench(work, vild)
+    done = read_rows(path)
+    runs = list(questions(question, problems, range(first_seed, first_seed + seeds)))
+    for run in runs:
         if run not in done:
             done[run] = bench(run)
-            keep(path, run, done[run])
+            append_row(path, run, done[run])
             print(f"{run.problem}, {run.method} {run.changed} {run.seed}: {done[run].area:.3f}")
-    print_table({run: done[run] for run in wanted})
+    print_table({run: done[run] for run in runs})
 
 
 if __name__ == "__main__":
