@@ -1,4 +1,4 @@
-"""Demonstrations as values: pairs of state and action, and episodes of them, validated once."""
+"""Demonstrations as values: pairs of state and action, and episodes; validated when made."""
 
 from __future__ import annotations
 
@@ -11,24 +11,42 @@ from numpy.typing import ArrayLike, NDArray
 from ssil_data.errors import InvalidInputError
 
 _CHUNK_ROWS = 1 << 18
-"""Rows that are looked at together: mapped files may be larger than the memory."""
+"""Rows that are checked at once: mapped files may be larger than the memory."""
 ENDINGS = ("terminated", "truncated", "cut")
 """How an episode ended: by the task, by a time limit, or because its recording was cut."""
 
 
 def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> NDArray[np.float32]:
-    """Return `values` as a read-only (n, width) float32 array, refusing NaN, infinity and overflow.
+    """Return values as a read-only matrix of finite float32 numbers.
 
-    A read-only float32 array, such as a mapped file, is not copied. Raises InvalidInputError naming
-    `name`, the row and the column.
+    A read-only float32 array, such as a mapped file, is not copied.
+
+    Parameters
+    ----------
+    name
+        What the message calls the values.
+    values
+        Numbers, (n, width).
+    width
+        The expected width, None for any.
+
+    Returns
+    -------
+    ndarray
+        (n, width) float32.
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN, infinity, overflow or another shape; names the row and the column.
     """
     try:
         given = np.asarray(values)
-        taken = given.dtype == np.float32 and given.flags.c_contiguous and _is_frozen(given)
+        usable = given.dtype == np.float32 and given.flags.c_contiguous and _is_frozen(given)
         with np.errstate(over="ignore"):
-            matrix = given if taken else np.array(given, dtype=np.float32, order="C")
+            matrix = given if usable else np.array(given, dtype=np.float32, order="C")
     except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{name}: expected numbers, found {error}") from None
+        raise InvalidInputError(f"{name}: not numbers: {error}") from None
     if matrix.ndim != 2:
         raise InvalidInputError(f"{name}: expected two dimensions, found shape {matrix.shape}")
     if width is not None and matrix.shape[1] != width:
@@ -36,7 +54,8 @@ def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> 
     for first in range(0, len(matrix), _CHUNK_ROWS):
         bad = np.argwhere(~np.isfinite(matrix[first : first + _CHUNK_ROWS]))
         if len(bad):
-            row, column = first + int(bad[0][0]), int(bad[0][1])
+            row = first + int(bad[0][0])
+            column = int(bad[0][1])
             raise InvalidInputError(
                 f"{name}: expected finite float32 numbers, found {given[row, column]} "
                 f"at row {row}, column {column}"
@@ -46,7 +65,20 @@ def finite_matrix(name: str, values: ArrayLike, *, width: int | None = None) -> 
 
 
 def finite_vector(name: str, values: ArrayLike) -> NDArray[np.float32]:
-    """Return `values` as a read-only (n,) float32 array; as `finite_matrix`."""
+    """Return values as a read-only vector of finite float32 numbers, as `finite_matrix` does.
+
+    Parameters
+    ----------
+    name
+        What the message calls the values.
+    values
+        Numbers, (n,).
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN, infinity, overflow or another shape; names the row.
+    """
     given = np.asarray(values)
     if given.ndim != 1:
         raise InvalidInputError(f"{name}: expected one dimension, found shape {given.shape}")
@@ -54,7 +86,7 @@ def finite_vector(name: str, values: ArrayLike) -> NDArray[np.float32]:
 
 
 def _is_frozen(array: NDArray[np.generic]) -> bool:
-    """Tell whether nobody can write to an array, nor to one that it is a view of."""
+    """Tell whether an array, and those it is a view of, are all read-only."""
     base: object = array
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
@@ -64,6 +96,7 @@ def _is_frozen(array: NDArray[np.generic]) -> bool:
 
 
 def _integers(name: str, values: ArrayLike) -> NDArray[np.int64]:
+    """Return values as a read-only vector of int64."""
     given = np.asarray(values)
     if given.ndim != 1 or not np.issubdtype(given.dtype, np.integer):
         raise InvalidInputError(
@@ -81,11 +114,33 @@ def _integers(name: str, values: ArrayLike) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """State–action pairs in the order of their episodes; arrays are read-only.
+    """State–action pairs in the order of their episodes; the arrays become read-only.
 
-    states (n, d) float32, actions (n, k) float32, episode (n,) int64, step (n,) int64.
     Rows of one episode are adjacent and their steps rise by one: a batch may begin or end in the
     middle of an episode, but never skips inside it.
+
+    Parameters
+    ----------
+    states
+        (n, d) float32, finite.
+    actions
+        (n, k) float32, finite.
+    episode
+        Number of each pair's episode, (n,) int64.
+    step
+        Its place in the episode, (n,) int64.
+
+    Raises
+    ------
+    InvalidInputError
+        For values that are not finite, lengths that differ, or steps that skip.
+
+    Examples
+    --------
+    >>> states, actions = np.zeros((3, 2)), np.zeros((3, 1))
+    >>> pairs = sd.Pairs(states, actions, episode=np.array([7, 7, 8]), step=np.array([0, 1, 0]))
+    >>> len(pairs), pairs[:2].episode.tolist()
+    (3, [7, 7])
     """
 
     states: NDArray[np.float32]
@@ -123,30 +178,74 @@ class Pairs:
         return len(self.states)
 
     def __getitem__(self, rows: slice) -> Pairs:
-        """Return a slice of the pairs; views, validated already."""
-        part = object.__new__(Pairs)
-        for field in fields(self):
-            object.__setattr__(part, field.name, getattr(self, field.name)[rows])
-        return part
+        """Return some of the pairs.
+
+        Parameters
+        ----------
+        rows
+            A slice without a step, since steps may not skip.
+        """
+        return Pairs(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def where(self, keep: NDArray[np.bool_]) -> Pairs:
-        """Return the pairs for which `keep` (n,) is true; whole episodes or ends of them."""
+        """Return the pairs that a mask selects.
+
+        Parameters
+        ----------
+        keep
+            (n,); it selects whole episodes or ends of them, since steps may not skip.
+        """
         return Pairs(**{field.name: getattr(self, field.name)[keep] for field in fields(self)})
 
 
 def join_pairs(parts: Sequence[Pairs]) -> Pairs:
-    """Return pairs that follow each other as one."""
+    """Return batches of pairs that follow each other as one.
+
+    Parameters
+    ----------
+    parts
+        At least one batch, in order.
+    """
     names = [field.name for field in fields(Pairs)]
     return Pairs(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One demonstration of T pairs and what is known of it; arrays are read-only.
+    """One demonstration of T pairs and what is known of it; the arrays become read-only.
 
-    states (T, d) and actions (T, k) float32; rewards (T,) and positions (T, 2) in metres are kept
-    for evaluation and maps. `score` (true quality, the expert's mean is 1) and `tier` (a band of
-    that quality) are for evaluation only: no estimator or trainer reads them.
+    Parameters
+    ----------
+    states
+        (T, d) float32, finite.
+    actions
+        (T, k) float32, finite.
+    labeled
+        Whether it is known to be an expert's.
+    source
+        Where it comes from, such as a file or a driver.
+    rewards
+        (T,); for evaluation only.
+    positions
+        (T, 2) in meters; for maps only.
+    score
+        True quality, the expert's mean is 1; for evaluation only.
+    tier
+        A band of that quality, `expert` for the best; for evaluation only.
+    ending
+        How it ended: `terminated` by the task, `truncated` by a time limit, or `cut` because its
+        recording was.
+
+    Raises
+    ------
+    InvalidInputError
+        For values that are not finite, lengths that differ, no pair, or another ending.
+
+    Examples
+    --------
+    >>> lap = sd.Episode(states=np.zeros((50, 3)), actions=np.zeros((50, 2)), labeled=True)
+    >>> len(lap), lap.states.dtype
+    (50, dtype('float32'))
     """
 
     states: NDArray[np.float32]

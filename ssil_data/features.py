@@ -1,4 +1,4 @@
-"""What an estimator sees: standardised values and two-step windows; it knows no estimator."""
+"""What an estimator is given: standardized values and two-step windows; no estimator here."""
 
 from __future__ import annotations
 
@@ -10,12 +10,25 @@ from numpy.typing import NDArray
 from ssil_data.errors import InvalidInputError
 
 FARTHEST = 1e6
-"""Deviations beyond which values are no longer told apart: squares stay finite in float32."""
+"""Deviations at which standardized values are clipped, so that squares stay finite in float32."""
 
 
 @dataclass(frozen=True, eq=False)
 class Standardizer:
-    """Subtracts a shift and divides by a scale, per dimension: shift (d,), scale (d,) float32."""
+    """Makes dimensions of any units comparable: subtracts a shift and divides by a scale.
+
+    Parameters
+    ----------
+    shift
+        Of each dimension, (d,) float32, usually the mean.
+    scale
+        Of each dimension, (d,) float32, positive, usually the deviation.
+
+    Raises
+    ------
+    InvalidInputError
+        For values that are not finite, scales that are not positive, or lengths that differ.
+    """
 
     shift: NDArray[np.float32]
     scale: NDArray[np.float32]
@@ -27,7 +40,7 @@ class Standardizer:
             vector.flags.writeable = False
             object.__setattr__(self, name, vector)
             if vector.ndim != 1 or not np.isfinite(vector).all():
-                raise InvalidInputError(f"{name}: expected one finite number per dimension")
+                raise InvalidInputError(f"{name}: not one finite number per dimension: {vector}")
         if self.shift.shape != self.scale.shape:
             raise InvalidInputError(
                 f"scale: expected {len(self.shift)} dimensions as in shift, found {len(self.scale)}"
@@ -37,7 +50,18 @@ class Standardizer:
 
     @classmethod
     def of(cls, values: NDArray[np.floating]) -> Standardizer:
-        """Take the mean and deviation of `values` (n, d), one row at least."""
+        """Return the one that gives some values mean 0 and deviation 1.
+
+        Parameters
+        ----------
+        values
+            (n, d), one row at least.
+
+        Raises
+        ------
+        InvalidInputError
+            For no row.
+        """
         if values.ndim != 2 or not len(values):
             raise InvalidInputError(f"values: expected at least one row, found {values.shape}")
         exact = np.asarray(values, dtype=np.float64)
@@ -45,10 +69,17 @@ class Standardizer:
 
     @classmethod
     def of_moments(cls, mean: NDArray[np.float64], variance: NDArray[np.float64]) -> Standardizer:
-        """Take mean (d,) and variance (d,); a constant dimension gets scale 1.
+        """Return the one of values whose mean and variance are known.
 
-        Constant means a deviation that float32 rounding alone could cause: a column 1000.0 with a
-        stray last bit must not be blown up to deviations.
+        A constant dimension gets scale 1. Constant means a deviation that float32 rounding alone
+        could cause: a column of 1000.0 with a stray last bit must not be blown up to deviations.
+
+        Parameters
+        ----------
+        mean
+            (d,).
+        variance
+            (d,), not negative.
         """
         limits = np.finfo(np.float32)
         deviation = np.sqrt(variance)
@@ -60,11 +91,27 @@ class Standardizer:
 
     @property
     def width(self) -> int:
-        """Return the number of dimensions."""
+        """The number of dimensions."""
         return len(self.shift)
 
     def __call__(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Standardise `values` (n, d) to float32, clipped to ±`FARTHEST`."""
+        """Standardize values.
+
+        Parameters
+        ----------
+        values
+            (n, d).
+
+        Returns
+        -------
+        ndarray
+            (n, d) float32 in deviations, clipped to ±`FARTHEST`.
+
+        Raises
+        ------
+        InvalidInputError
+            For another width.
+        """
         if values.ndim != 2 or values.shape[1] != len(self.shift):
             raise InvalidInputError(
                 f"values: expected width {len(self.shift)}, found shape {values.shape}"
@@ -75,10 +122,27 @@ class Standardizer:
 
 
 def windows(states: NDArray[np.float32], episode: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the two-step windows (n, 2d): row t is [s_t, s_{t+1}], never across episodes.
+    """Return windows of two steps, which show how the state moves; never across episodes.
 
-    The last step of an episode takes the window that ends in it, [s_{T-2}, s_{T-1}]; an episode of
-    one step takes [s, s]. Rows of one episode are adjacent, `episode` (n,) says where they change.
+    Row t is [s_t, s_{t+1}]. The last step of an episode takes the window that ends in it,
+    [s_{T-2}, s_{T-1}]; an episode of one step takes [s, s].
+
+    Parameters
+    ----------
+    states
+        (n, d), rows of one episode adjacent.
+    episode
+        Number of each row's episode, (n,).
+
+    Returns
+    -------
+    ndarray
+        (n, 2d).
+
+    Raises
+    ------
+    InvalidInputError
+        For lengths that differ.
     """
     if len(states) != len(episode):
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""Scales: from uncertainty to leverage in [0, 1]; they know numbers only, no estimator, no files.
+"""Scales: from uncertainty to leverage in [0, 1]; pure formulas, no estimator and no files.
 
 The paper contradicts itself here. Its equation
 
@@ -25,7 +25,7 @@ _Kind = TypeVar("_Kind")
 
 
 class Scale(ABC):
-    """Settings of a scale; `fit` makes the scale."""
+    """Settings of a scale; `fit` gives the scale, which maps uncertainty to leverage."""
 
     kind: ClassVar[str]
 
@@ -35,25 +35,69 @@ class Scale(ABC):
         pool_uncertainty: ArrayLike,
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> FittedScale:
-        """Fit to the uncertainty of all pairs (n,) and of labeled pairs held out from the fit (m,).
+        """Fit to the uncertainty of the pairs that are to be scored.
 
-        Raises InvalidInputError where nothing, or something not finite, is given.
+        Parameters
+        ----------
+        pool_uncertainty
+            Of all pairs, (n,).
+        held_out_labeled_uncertainty
+            Of labeled pairs that the estimator was not fitted on, (m,); for `Conformal` only.
+
+        Returns
+        -------
+        FittedScale
+            The scale.
+
+        Raises
+        ------
+        InvalidInputError
+            Where a needed array is missing, empty, or not finite.
         """
 
 
 class FittedScale(ABC):
-    """A scale as a value: kept with a run and used unchanged for pairs that arrive later."""
+    """A fitted scale: stored with a run and used unchanged for pairs that arrive later."""
 
     kind: ClassVar[str]
 
     @abstractmethod
     def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
-        """Return the leverage (n,) in [0, 1] of `uncertainty` (n,), which may not be NaN."""
+        """Return leverage; 1 = expert-like, and a larger uncertainty never gets a larger leverage.
+
+        Parameters
+        ----------
+        uncertainty
+            (n,), not NaN.
+
+        Returns
+        -------
+        ndarray
+            (n,) float32 in [0, 1].
+
+        Raises
+        ------
+        InvalidInputError
+            For NaN or another shape.
+        """
 
 
 @dataclass(frozen=True)
 class MinMax(Scale):
-    """Algorithm 1 of the paper: the whole range of the pool, at the mercy of one outlier."""
+    """The paper's scale: 1 at the pool's least uncertainty, 0 at its largest.
+
+    One outlier squeezes all other pairs together near 1.
+
+    Source
+    ------
+    Algorithm 1 of the paper: l = (r_max − r) / (r_max − r_min).
+
+    Examples
+    --------
+    >>> scale = sd.MinMax().fit([1.0, 2.0, 5.0])
+    >>> scale([1.0, 2.0, 5.0]).tolist()
+    [1.0, 0.75, 0.0]
+    """
 
     kind: ClassVar[str] = "minmax"
 
@@ -62,14 +106,41 @@ class MinMax(Scale):
         pool_uncertainty: ArrayLike,
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> Ramp:
-        """Run from the pool's least uncertainty to its largest."""
+        """Return the ramp from the pool's least uncertainty to its largest.
+
+        Parameters
+        ----------
+        pool_uncertainty
+            Of all pairs, (n,).
+        held_out_labeled_uncertainty
+            Not used.
+        """
         pool = _check_finite("pool uncertainty", pool_uncertainty)
         return Ramp(low=float(pool.min()), high=float(pool.max()))
 
 
 @dataclass(frozen=True)
 class Quantile(Scale):
-    """Min–max between two quantiles of the pool, clipped: outliers cost nothing."""
+    """Min–max between two quantiles of the pool, clipped, so that outliers cost nothing.
+
+    Parameters
+    ----------
+    low
+        Share of the pool, by increasing uncertainty, that gets leverage 1.
+    high
+        Share of the pool beyond which leverage is 0.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless 0 ≤ low < high ≤ 1.
+
+    Examples
+    --------
+    >>> scale = sd.Quantile(low=0.0, high=0.5).fit([0.0, 1.0, 2.0, 3.0, 100.0])
+    >>> scale([0.0, 1.0, 100.0]).tolist()
+    [1.0, 0.5, 0.0]
+    """
 
     kind: ClassVar[str] = "quantile"
     low: float = 0.05
@@ -87,7 +158,15 @@ class Quantile(Scale):
         pool_uncertainty: ArrayLike,
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> Ramp:
-        """Run from the pool's low quantile to its high one."""
+        """Return the ramp from the pool's low quantile to its high one.
+
+        Parameters
+        ----------
+        pool_uncertainty
+            Of all pairs, (n,).
+        held_out_labeled_uncertainty
+            Not used.
+        """
         pool = _check_finite("pool uncertainty", pool_uncertainty)
         low, high = np.quantile(pool, [self.low, self.high])
         return Ramp(low=float(low), high=float(high))
@@ -95,9 +174,29 @@ class Quantile(Scale):
 
 @dataclass(frozen=True)
 class Conformal(Scale):
-    """Conformal p-value: comparable between estimators and datasets.
+    """Conformal p-value: the share of held-out labeled pairs that are at least as uncertain.
 
-    `held_out` is the share of labeled pairs that the estimator is not fitted on.
+    Comparable between estimators and datasets; fresh expert pairs get about uniform leverage.
+
+    Parameters
+    ----------
+    held_out
+        Share of labeled pairs that the estimator is not fitted on, between 0 and 1.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless 0 < held_out < 1.
+
+    Source
+    ------
+    Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005.
+
+    Examples
+    --------
+    >>> scale = sd.Conformal().fit([], held_out_labeled_uncertainty=[1.0, 2.0, 3.0, 4.0])
+    >>> scale([0.5, 2.5, 9.0]).tolist()
+    [1.0, 0.5, 0.0]
     """
 
     kind: ClassVar[str] = "conformal"
@@ -113,16 +212,42 @@ class Conformal(Scale):
         pool_uncertainty: ArrayLike,
         held_out_labeled_uncertainty: ArrayLike | None = None,
     ) -> Rank:
-        """Keep the sorted uncertainty of the held-out labeled pairs."""
+        """Return the scale of ranks among the held-out labeled pairs.
+
+        Parameters
+        ----------
+        pool_uncertainty
+            Not used.
+        held_out_labeled_uncertainty
+            Of labeled pairs that the estimator was not fitted on, (m,).
+
+        Raises
+        ------
+        InvalidInputError
+            Without held-out pairs.
+        """
         if held_out_labeled_uncertainty is None:
-            raise InvalidInputError("conformal: expected held-out labeled uncertainty, found none")
+            raise InvalidInputError("conformal: needs the uncertainty of held-out labeled pairs")
         residuals = _check_finite("held-out labeled uncertainty", held_out_labeled_uncertainty)
         return Rank(tuple(np.sort(residuals).tolist()))
 
 
 @dataclass(frozen=True)
 class Ramp(FittedScale):
-    """(high - r) / (high - low), clipped; with low == high, 1 up to it and 0 beyond it."""
+    """Leverage (high − r) / (high − low), clipped; with low == high, 1 up to it and 0 beyond it.
+
+    Parameters
+    ----------
+    low
+        Uncertainty up to which leverage is 1.
+    high
+        Uncertainty from which on leverage is 0.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless both are finite and low ≤ high.
+    """
 
     kind: ClassVar[str] = "ramp"
     low: float
@@ -136,7 +261,13 @@ class Ramp(FittedScale):
             )
 
     def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
-        """Return the leverage (n,)."""
+        """Return the leverage (n,) of uncertainty (n,).
+
+        Parameters
+        ----------
+        uncertainty
+            (n,), not NaN.
+        """
         r = _check_numbers(uncertainty)
         if self.low == self.high:
             return (r <= self.low).astype(np.float32)
@@ -145,7 +276,18 @@ class Ramp(FittedScale):
 
 @dataclass(frozen=True)
 class Rank(FittedScale):
-    """Share of the sorted `residuals` that are at least as large."""
+    """Leverage is the share of held-out labeled pairs that are at least as uncertain.
+
+    Parameters
+    ----------
+    residuals
+        Their uncertainty, at least one finite number; kept sorted.
+
+    Raises
+    ------
+    InvalidInputError
+        For none, or one that is not finite.
+    """
 
     kind: ClassVar[str] = "rank"
     residuals: tuple[float, ...]
@@ -156,7 +298,13 @@ class Rank(FittedScale):
         object.__setattr__(self, "residuals", tuple(np.sort(residuals).tolist()))
 
     def __call__(self, uncertainty: ArrayLike) -> NDArray[np.float32]:
-        """Return the leverage (n,)."""
+        """Return the leverage (n,) of uncertainty (n,).
+
+        Parameters
+        ----------
+        uncertainty
+            (n,), not NaN.
+        """
         smaller = np.searchsorted(self.residuals, _check_numbers(uncertainty), side="left")
         return (1 - smaller / len(self.residuals)).astype(np.float32)
 
@@ -169,7 +317,13 @@ FITTED: dict[str, type[FittedScale]] = {scale.kind: scale for scale in (Ramp, Ra
 
 
 def to_json(scale: Scale | FittedScale) -> dict[str, Any]:
-    """Return settings or a fitted scale as a JSON object with its `kind`."""
+    """Return settings or a fitted scale as a JSON object with its `kind`.
+
+    Parameters
+    ----------
+    scale
+        Either.
+    """
     values = {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in asdict(scale).items()  # pyright: ignore[reportArgumentType]
@@ -178,16 +332,39 @@ def to_json(scale: Scale | FittedScale) -> dict[str, Any]:
 
 
 def from_json(json: Mapping[str, Any]) -> FittedScale:
-    """Read a fitted scale from `to_json`'s object; raises InvalidInputError."""
+    """Read a fitted scale from `to_json`'s object.
+
+    Parameters
+    ----------
+    json
+        The object.
+
+    Raises
+    ------
+    InvalidInputError
+        For an unknown kind, or values that do not fit.
+    """
     return _build("fitted scale", FITTED, json)
 
 
 def settings_from_json(json: Mapping[str, Any]) -> Scale:
-    """Read a scale's settings from `to_json`'s object; raises InvalidInputError."""
+    """Read a scale's settings from `to_json`'s object.
+
+    Parameters
+    ----------
+    json
+        The object.
+
+    Raises
+    ------
+    InvalidInputError
+        For an unknown kind, or values that do not fit.
+    """
     return _build("scale", SCALES, json)
 
 
 def _build(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
+    """Build what a JSON object with its `kind` describes."""
     values = dict(json)
     kind = values.pop("kind", None)
     if kind not in tuple(kinds):
@@ -199,6 +376,7 @@ def _build(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any])
 
 
 def _check_numbers(values: ArrayLike) -> NDArray[np.float64]:
+    """Return a vector without NaN; infinity is allowed."""
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 1 or np.isnan(numbers).any():
         raise InvalidInputError(
@@ -208,6 +386,7 @@ def _check_numbers(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _check_finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return a vector of one finite number or more."""
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""The Arrow form of demonstrations: the columns of the tables, and values to and from them."""
+"""The columns of the store's tables, and conversion between their rows and values."""
 
 from __future__ import annotations
 
@@ -43,12 +43,24 @@ LEVERAGE = pa.schema([pa.field("run", pa.string(), nullable=False), *VALUES])
 
 
 def _numbers(name: str, names: Sequence[str] | None = None) -> pa.Field:
+    """Describe a column of lists of float32, with the names of its dimensions."""
     metadata = None if names is None else {"names": json.dumps(list(names))}
     return pa.field(name, pa.list_(pa.field("element", pa.float32())), metadata=metadata)
 
 
 def pairs_schema(state_names: Sequence[str], action_names: Sequence[str]) -> pa.Schema:
-    """Return the columns of a pairs table; the names of the dimensions fix the widths."""
+    """Return the columns of a pairs table; the names of the dimensions fix the widths.
+
+    Parameters
+    ----------
+    state_names, action_names
+        One name for each dimension, all different.
+
+    Raises
+    ------
+    InvalidInputError
+        For no name, or one twice.
+    """
     for kind, names in (("state", state_names), ("action", action_names)):
         if not names or len(set(names)) != len(names):
             raise InvalidInputError(
@@ -67,12 +79,35 @@ def pairs_schema(state_names: Sequence[str], action_names: Sequence[str]) -> pa.
 
 
 def dimension_names(schema: pa.Schema, column: str) -> list[str]:
-    """Return the names that `pairs_schema` gave to the dimensions of `state` or `action`."""
+    """Return the names of the dimensions of a column.
+
+    Parameters
+    ----------
+    schema
+        What `pairs_schema` returned.
+    column
+        `state` or `action`.
+    """
     return json.loads(schema.field(column).metadata[b"names"])
 
 
 def rows_of(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
-    """Return one episode as rows of the pairs table; raises InvalidInputError for other widths."""
+    """Return one episode as rows of the pairs table.
+
+    Parameters
+    ----------
+    number
+        Of the episode.
+    episode
+        The episode.
+    schema
+        The columns of the table.
+
+    Raises
+    ------
+    InvalidInputError
+        For states or actions of another width.
+    """
     for column, values in (("state", episode.states), ("action", episode.actions)):
         width = len(dimension_names(schema, column))
         if values.shape[1] != width:
@@ -92,14 +127,35 @@ def rows_of(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
 
 
 def description_of(number: int, episode: Episode) -> dict[str, Any]:
-    """Return one episode as a row of the episodes table."""
+    """Return one episode as a row of the episodes table.
+
+    Parameters
+    ----------
+    number
+        Of the episode.
+    episode
+        The episode.
+    """
     kept = ("labeled", "source", "score", "tier", "ending")
     known = {name: getattr(episode, name) for name in kept}
     return {"episode": number, "length": len(episode), **known}
 
 
 def pairs_of(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
-    """Return rows of the pairs table as pairs; raises DamagedError for lists of another width."""
+    """Return rows of the pairs table as pairs.
+
+    Parameters
+    ----------
+    batch
+        The rows.
+    schema
+        The columns of the table, which fix the widths.
+
+    Raises
+    ------
+    DamagedError
+        For lists of another width.
+    """
     return Pairs(
         states=matrix(batch.column("state"), len(dimension_names(schema, "state"))),
         actions=matrix(batch.column("action"), len(dimension_names(schema, "action"))),
@@ -109,7 +165,25 @@ def pairs_of(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
 
 
 def matrix(column: pa.ListArray, width: int) -> NDArray[np.float32]:
-    """Return a list column as (n, width); raises DamagedError for lists of another width."""
+    """Return a column of lists as a matrix, without a copy.
+
+    Parameters
+    ----------
+    column
+        n lists of float32.
+    width
+        The expected length of each.
+
+    Returns
+    -------
+    ndarray
+        (n, width) float32.
+
+    Raises
+    ------
+    DamagedError
+        For a list of another length.
+    """
     lengths = column.value_lengths().fill_null(0).to_numpy()
     odd = np.flatnonzero(lengths != width)
     if len(odd):
@@ -119,6 +193,7 @@ def matrix(column: pa.ListArray, width: int) -> NDArray[np.float32]:
 
 
 def _lists(values: NDArray[np.float32]) -> pa.ListArray:
+    """Return a matrix as a column of lists, without a copy."""
     rows, width = values.shape
     offsets = np.arange(0, (rows + 1) * width, width, dtype=np.int32)
     return pa.ListArray.from_arrays(offsets, values.reshape(-1))

@@ -1,17 +1,11 @@
-"""Delta Lake tables of plain Parquet whose files are named by the digest of their bytes.
-
-A commit is acknowledged when its files, its log entry and their folders are on the disk. An entry
-that a power cut left empty or cut off was never acknowledged, and is set aside on opening.
-"""
+"""Delta Lake tables of plain Parquet whose files are named by the digest of their bytes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,21 +16,33 @@ from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundErr
 from deltalake.transaction import AddAction, RemoveAction
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
-from ssil_data.store.folder import Folder, sync
+from ssil_data.store.delta_log import ADDED, LOG, forget_location, move_torn_entry, sync_log
+from ssil_data.store.folder import Folder
 
 FILE_BYTES = 64 * 2**20
 """A Parquet file is closed when it holds this much Arrow data: the memory that a writer needs."""
 
-_ADDED = "ssilDataAdded"
-"""Key of the commit's first line that says how many files it adds."""
-
 BATCH_ROWS = 16_384
-"""Rows that a reader of a whole table holds at once."""
+"""Rows that a reader of a whole table has in memory at once."""
 
 
 @dataclass(frozen=True)
 class DataFile:
-    """One Parquet file of a table: its path, rows, partition and the episodes it values."""
+    """One Parquet file of a table, as the log describes it.
+
+    Parameters
+    ----------
+    path:
+        Below the table's folder.
+    rows:
+        How many it has.
+    partition:
+        Values of the partition columns, such as the run's name.
+    first, last:
+        The first and the last episode with rows in it.
+    first_step:
+        The least step in it.
+    """
 
     path: str
     rows: int
@@ -55,25 +61,50 @@ class VersionedTable:
     """A table whose rows are ordered by episode and step; a snapshot, taken when it was opened."""
 
     def __init__(self, folder: Folder, version: int | None = None) -> None:
-        """Open the newest version, or the given one; raises NotFoundError."""
+        """Open the newest version, or the given one.
+
+        Parameters
+        ----------
+        folder:
+            The table's folder.
+        version:
+            Number of a commit, None for the newest.
+
+        Raises
+        ------
+        NotFoundError:
+            If there is no table.
+        DamagedError:
+            If the log cannot be read.
+        """
         self.folder = folder
-        _move_torn_entry(folder)
+        move_torn_entry(folder)
         try:
             self.delta = DeltaTable(folder.delta_uri, version=version)
         except TableNotFoundError:
-            raise NotFoundError(f"table: expected one at {folder.uri}, found none") from None
+            raise NotFoundError(f"table: there is none at {folder.uri}") from None
         except DeltaError as error:
-            raise DamagedError(f"{folder.uri}: expected a whole log, found {error}") from None
+            raise DamagedError(f"{folder.uri}: its log is damaged: {error}") from None
         self.schema = pa.schema(self.delta.schema().to_arrow())
 
     @classmethod
     def create(
         cls, folder: Folder, schema: pa.Schema, partition: Sequence[str] = ()
     ) -> VersionedTable:
-        """Create an empty table, whose log does not tell where on the machine it was created."""
+        """Create an empty table, whose log does not say where on the machine it was created.
+
+        Parameters
+        ----------
+        folder:
+            The table's folder; it must hold no table.
+        schema:
+            The columns.
+        partition:
+            Names of columns that become folders.
+        """
         folder.make()
         DeltaTable.create(folder.delta_uri, Schema.from_arrow(schema), partition_by=list(partition))
-        _forget_location(folder / "_delta_log")
+        forget_location(folder / LOG)
         table = cls(folder)
         table._sync_log()
         return table
@@ -92,7 +123,8 @@ class VersionedTable:
         """List the files of the snapshot in the order of their rows."""
         files = []
         for row in pa.table(self.delta.get_add_actions(flatten=False)).to_pylist():
-            least, most = row["min"], row["max"]
+            least = row["min"]
+            most = row["max"]
             files.append(
                 DataFile(
                     path=row["path"],
@@ -106,7 +138,13 @@ class VersionedTable:
         return sorted(files, key=lambda file: (file.first, file.last, file.first_step))
 
     def find_claim(self, claim: str) -> int | None:
-        """Return the number under which a commit claimed a name, or None."""
+        """Return the number under which a commit claimed a name, or None.
+
+        Parameters
+        ----------
+        claim:
+            The name.
+        """
         return self.delta.transaction_version(claim)
 
     def append(
@@ -118,7 +156,19 @@ class VersionedTable:
     ) -> None:
         """Write chunks of rows as one commit that claims a name.
 
-        Raises ConflictError if another writer claimed the same name since this snapshot.
+        Parameters
+        ----------
+        chunks:
+            Rows in order; small chunks are joined into files of `FILE_BYTES`.
+        partition:
+            Values of the partition columns.
+        claim:
+            A name that no other commit may claim at the same time, and a number beside it.
+
+        Raises
+        ------
+        ConflictError:
+            If another writer claimed the same name since this snapshot.
         """
         partition = dict(partition or {})
         actions: list[AddAction | RemoveAction] = [
@@ -131,13 +181,13 @@ class VersionedTable:
                 schema=self.delta.schema(),
                 partition_by=self.partition_columns,
                 commit_properties=CommitProperties(
-                    custom_metadata={_ADDED: len(actions)},
+                    custom_metadata={ADDED: len(actions)},
                     app_transactions=[Transaction(*claim)],
                 ),
             )
         except CommitFailedError as error:
             raise ConflictError(
-                f"{claim[0]}: expected to be alone, found another writer of the same name ({error})"
+                f"{claim[0]}: another writer took the name first; open it anew ({error})"
             ) from None
         self.delta.update_incremental()
         self._sync_log()
@@ -145,9 +195,21 @@ class VersionedTable:
     def batches(
         self, files: Iterable[DataFile], columns: Sequence[str], *, rows: int = BATCH_ROWS
     ) -> Iterator[pa.RecordBatch]:
-        """Read columns of files in batches of up to `rows` rows; page checksums are verified.
+        """Read columns of files in batches; page checksums are verified.
 
-        Raises DamagedError where the bytes are not those that were written.
+        Parameters
+        ----------
+        files:
+            Files of this table, read in the order given.
+        columns:
+            Names of columns.
+        rows:
+            Rows of a batch at most.
+
+        Raises
+        ------
+        DamagedError:
+            Where the bytes are not those that were written.
         """
         for file in files:
             try:
@@ -161,44 +223,46 @@ class VersionedTable:
 
     def find_damage(self) -> list[str]:
         """Read every file and name those that are not what their name and the log say."""
-        return [f"{self.folder.uri}/{f.path}: {d}" for f in self.files() if (d := self._damage(f))]
+        return [
+            f"{self.folder.uri}/{file.path}: {damage}"
+            for file in self.files()
+            if (damage := self._find_damage(file))
+        ]
 
-    def _damage(self, file: DataFile) -> str:
+    def _find_damage(self, file: DataFile) -> str:
+        """Say what is wrong with a file; nothing is if the answer is empty."""
         try:
             data = self.folder.read(file.path)
         except NotFoundError:
-            return "expected a file, found no file"
+            return "the file is missing"
         if _digest(data) != file.digest:
             return f"expected {file.digest}, found {_digest(data)}"
         rows = pq.read_metadata(pa.BufferReader(data)).num_rows
         return "" if rows == file.rows else f"expected {file.rows} rows as logged, found {rows}"
 
     def _write(self, rows: pa.Table, partition: Mapping[str, str]) -> AddAction:
-        wanted = [field for field in self.schema if field.name not in partition]
-        rows = rows.select([field.name for field in wanted]).cast(pa.schema(wanted))
+        """Write rows as a file named by its digest, in the folder of its partition."""
+        stored = [field for field in self.schema if field.name not in partition]
+        rows = rows.select([field.name for field in stored]).cast(pa.schema(stored))
         sink = pa.BufferOutputStream()
         pq.write_table(
             rows, sink, compression="zstd", use_dictionary=False, write_page_checksum=True
         )
         data = sink.getvalue()
         name = f"part-{_digest(data)}.parquet"
-        folder, prefix = self.folder, ""
+        folder = self.folder
         for key, value in partition.items():
-            folder, prefix = folder / f"{key}={value}", f"{prefix}{key}={value}/"
+            folder = folder / f"{key}={value}"
         folder.write(name, data)
-        size, now = len(memoryview(data)), int(time.time() * 1000)
-        return AddAction(f"{prefix}{name}", size, dict(partition), now, True, _statistics(rows))
+        path = f"{folder.uri}/{name}".removeprefix(f"{self.folder.uri}/")
+        size = len(memoryview(data))
+        now = int(time.time() * 1000)
+        return AddAction(path, size, dict(partition), now, True, _statistics(rows))
 
     def _sync_log(self) -> None:
-        """Sync the whole log: an entry stands on those before it, whoever wrote them."""
-        if self.folder.local is None:
-            return
-        log = self.folder.local / "_delta_log"
-        for entry in log.iterdir():
-            with suppress(FileNotFoundError):
-                sync(entry)
-        sync(log)
-        sync(self.folder.local)
+        """Put the log on the disk; an object store has done so already."""
+        if self.folder.local is not None:
+            sync_log(self.folder.local)
 
 
 def _digest(data: bytes | pa.Buffer) -> str:
@@ -226,61 +290,9 @@ def _combine_chunks(chunks: Iterable[pa.Table]) -> Iterator[pa.Table]:
     for chunk in chunks:
         if gathered and size + chunk.nbytes > FILE_BYTES:
             yield pa.concat_tables(gathered)
-            gathered, size = [], 0
+            gathered = []
+            size = 0
         gathered.append(chunk)
         size += chunk.nbytes
     if gathered:
         yield pa.concat_tables(gathered)
-
-
-def _forget_location(log: Folder) -> None:
-    """Take out of a new log's first entry where on the machine the table was created."""
-    name = f"{0:020d}.json"
-    entries = [json.loads(line) for line in log.read(name).splitlines()]
-    entries[0]["commitInfo"]["operationParameters"].pop("location", None)
-    log.write(name, "\n".join(map(json.dumps, entries)).encode())
-
-
-def _move_torn_entry(folder: Folder) -> None:
-    """Rename the newest log entry if it is empty or cut off: it was never acknowledged.
-
-    Judged and renamed under a lock, so that nobody renames the whole entry that took its place.
-    """
-    if folder.local is None or _newest_torn(folder.local) is None:
-        return
-    import fcntl  # a power cut on a system without it is left to be reported as damage
-
-    lock = os.open(folder.local / "_delta_log", os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        torn = _newest_torn(folder.local)
-        if torn is not None:
-            torn.rename(torn.with_suffix(".torn"))
-            os.fsync(lock)
-    except OSError as error:
-        raise DamagedError(
-            f"{folder.uri}: expected a whole newest log entry, found one cut off that cannot be "
-            f"set aside ({error})"
-        ) from None
-    finally:
-        os.close(lock)
-
-
-def _newest_torn(folder: Path) -> Path | None:
-    entries = sorted((folder / "_delta_log").glob("[0-9]*.json"))
-    return entries[-1] if entries and not _whole(entries[-1]) else None
-
-
-def _whole(entry: Path) -> bool:
-    """Tell whether all lines of a log entry are JSON and as many as its writer promised."""
-    try:
-        actions = [json.loads(line) for line in entry.read_text().splitlines()]
-        added = actions[0].get("commitInfo", {}).get(_ADDED) if actions else None
-    except (ValueError, AttributeError):
-        return False
-    except FileNotFoundError:
-        return True
-    kinds = [kind for action in actions for kind in action]
-    return bool(actions) and (
-        added is None or (kinds.count("add"), kinds.count("txn")) == (added, 1)
-    )

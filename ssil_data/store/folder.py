@@ -1,4 +1,4 @@
-"""Bytes under names: one folder on disk or one prefix of an object store, written durably."""
+"""Files in one folder on disk or under one prefix of an object store, written durably."""
 
 from __future__ import annotations
 
@@ -18,9 +18,19 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 def check_name(kind: str, name: str) -> str:
-    """Return `name` if it can be a folder of the store and nothing above it.
+    """Return a name if it can be a folder of the store and nothing above it.
 
-    Raises InvalidInputError otherwise.
+    Parameters
+    ----------
+    kind
+        What the message calls the thing, such as `dataset`.
+    name
+        The name.
+
+    Raises
+    ------
+    InvalidInputError
+        For a name that is too long, empty, or has other characters.
     """
     if not _NAME.fullmatch(name):
         raise InvalidInputError(
@@ -31,7 +41,13 @@ def check_name(kind: str, name: str) -> str:
 
 
 def sync(path: Path) -> None:
-    """Ask the operating system to put a local file's or folder's bytes on the disk."""
+    """Put a local file's bytes, or a folder's names, on the disk before returning.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    """
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -43,7 +59,18 @@ class Folder:
     """A folder by path, or a prefix by URI (`s3://…`), with credentials in the environment."""
 
     def __init__(self, location: str | Path) -> None:
-        """Point at `location`; nothing is created before the first write."""
+        """Point at a location; nothing is created before the first write.
+
+        Parameters
+        ----------
+        location
+            A path or URI.
+
+        Raises
+        ------
+        InvalidInputError
+            For a URI that no file system knows, or a path with `%`.
+        """
         self.local: Path | None = None
         place = urlsplit(str(location))
         if "://" not in str(location) or place.scheme == "file":
@@ -53,7 +80,8 @@ class Folder:
                     f"store: expected a path without '%', which Delta Lake decodes, found {path}"
                 )
             self.local = Path(path).absolute()
-            self.uri = self._path = str(self.local)
+            self.uri = str(self.local)
+            self._path = self.uri
             self._files = fs.LocalFileSystem()
             return
         self.uri = str(location).rstrip("/")
@@ -70,7 +98,13 @@ class Folder:
         return self.uri if self.local is None else self.local.as_uri()
 
     def __truediv__(self, name: str) -> Folder:
-        """Return a folder below this one."""
+        """Return a folder below this one.
+
+        Parameters
+        ----------
+        name
+            Its name.
+        """
         return Folder(f"{self.uri}/{name}")
 
     def __repr__(self) -> str:
@@ -83,19 +117,47 @@ class Folder:
         return sorted(info.base_name for info in self._files.get_file_info(selector))
 
     def exists(self, name: str = "") -> bool:
-        """Tell whether the folder, or a file or folder in it, exists."""
+        """Tell whether the folder, or a file or folder in it, exists.
+
+        Parameters
+        ----------
+        name
+            Of a file or folder in it; the folder itself unless given.
+        """
         (info,) = self._files.get_file_info([f"{self._path}/{name}".rstrip("/")])
         return info.type != fs.FileType.NotFound
 
     def open(self, name: str) -> pa.NativeFile:
-        """Open a file for random reads; raises NotFoundError."""
+        """Open a file for random reads.
+
+        Parameters
+        ----------
+        name
+            The file, below the folder.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
         try:
             return self._files.open_input_file(f"{self._path}/{name}")
         except FileNotFoundError:
-            raise NotFoundError(f"file: expected {self.uri}/{name}, found none") from None
+            raise NotFoundError(f"file: there is none at {self.uri}/{name}") from None
 
     def read(self, name: str) -> bytes:
-        """Read a whole file; raises NotFoundError."""
+        """Read a whole file.
+
+        Parameters
+        ----------
+        name
+            The file, below the folder.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
         with self.open(name) as file:
             return file.read()
 
@@ -104,6 +166,13 @@ class Folder:
 
         On disk: a temporary file, synced, renamed, and the folder synced. An object store's put
         is atomic and durable by itself.
+
+        Parameters
+        ----------
+        name
+            The file, directly in the folder.
+        data
+            Its bytes.
         """
         if self.local is None:
             with self._files.open_output_stream(f"{self._path}/{name}") as file:
@@ -130,7 +199,18 @@ class Folder:
         sync(self.local.parent)
 
     def rename(self, target: Folder) -> bool:
-        """Move a local folder to an unused name; False if the name was taken meanwhile."""
+        """Move a local folder to an unused name.
+
+        Parameters
+        ----------
+        target
+            Where it is to be, on the same disk.
+
+        Returns
+        -------
+        bool
+            False if the name was taken meanwhile.
+        """
         assert self.local is not None and target.local is not None
         try:
             self.local.rename(target.local)

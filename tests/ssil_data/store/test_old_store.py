@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ssil_data.estimators import dump, load
-from ssil_data.scoring import LeverageModel
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 
@@ -38,7 +37,7 @@ def test_an_old_store_is_whole_and_shows_its_runs(old: Dataset):
 
 @pytest.mark.parametrize("name", ["vae", "gpr"])
 def test_an_old_model_gives_the_leverage_that_it_gave(old: Dataset, name: str):
-    model = LeverageModel.of(old, name)
+    model = old.model(name)
     leverage = model(old.pairs()).leverage
     if name == "gpr":
         leverage = np.where(old.per_pair("labeled"), 1, leverage)

@@ -16,6 +16,7 @@ import pytest
 from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
+from ssil_data.store.delta_table import VersionedTable
 from ssil_data.store.folder import Folder
 from ssil_data.store.run_record import Run
 from ssil_data.store.runs import Runs, digest
@@ -108,6 +109,39 @@ def test_a_name_is_used_once(dataset: Dataset):
         write(dataset, "vae", 0.9)
     assert set(dataset.leverage("vae").tolist()) == {0.5}
     assert dataset.runs.free_name("vae") == "vae-2"
+
+
+def test_an_operation_opens_the_table_once(dataset: Dataset, monkeypatch: pytest.MonkeyPatch):
+    write(dataset, "vae")
+    runs = dataset.runs
+    opened: list[str] = []
+    begin = VersionedTable.__init__
+
+    def count(self: VersionedTable, folder: Folder, version: int | None = None) -> None:
+        opened.append(folder.uri)
+        begin(self, folder, version)
+
+    monkeypatch.setattr(VersionedTable, "__init__", count)
+    with pytest.raises(NotFoundError):
+        runs["gpr"]
+    assert len(opened) == 1
+    operations = [
+        lambda: runs["vae"],
+        lambda: runs.of_any_version("vae"),
+        lambda: runs.values("vae"),
+        lambda: runs.free_name("vae"),
+        lambda: runs.check_unused("gpr"),
+        lambda: runs.commit(record(dataset, "gpr"), MODEL, [chunk]),
+        runs.find_damage,
+        runs.names,
+        runs.all,
+        lambda: list(runs),
+    ]
+    chunk = values(dataset)
+    for operation in operations:
+        opened.clear()
+        operation()
+        assert len(opened) == 1
 
 
 def test_of_two_writers_of_one_name_one_wins_whole(dataset: Dataset):

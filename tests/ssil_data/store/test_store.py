@@ -217,9 +217,7 @@ def test_a_torn_entry_is_judged_again_under_the_lock(
     newer = dataset.append([drive(99, 7)])
     entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
     judged = iter([entry])
-    monkeypatch.setattr(
-        "ssil_data.store.delta_table._newest_torn", lambda folder: next(judged, None)
-    )
+    monkeypatch.setattr("ssil_data.store.delta_log._newest_torn", lambda folder: next(judged, None))
     assert Dataset(dataset.folder).version == newer.version
     assert entry.exists()
 
@@ -227,7 +225,7 @@ def test_a_torn_entry_is_judged_again_under_the_lock(
 def test_a_broken_entry_in_the_middle_of_the_log_is_damage(dataset: Dataset):
     dataset.append([drive(99, 7)])
     (local(dataset) / "pairs" / "_delta_log" / f"{1:020d}.json").write_text("{")
-    with pytest.raises(DamagedError, match="pairs: expected a whole log"):
+    with pytest.raises(DamagedError, match="pairs: its log is damaged"):
         Dataset(dataset.folder)
 
 
@@ -288,6 +286,6 @@ def test_every_flipped_bit_is_found(dataset: Dataset):
     with pytest.raises(DamagedError, match=r"part-.*parquet"):
         Dataset(dataset.folder).pairs()
     path.unlink()
-    assert any("found no file" in line for line in dataset.find_damage())
-    with pytest.raises(DamagedError, match="found none"):
+    assert any("the file is missing" in line for line in dataset.find_damage())
+    with pytest.raises(DamagedError, match="there is none at"):
         Dataset(dataset.folder).pairs()
