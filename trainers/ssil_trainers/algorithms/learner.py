@@ -257,7 +257,13 @@ class Learner:
         return rise_d, rise_c
 
     def standardize(self, states: NDArray[np.float32]) -> Tensor:
-        """Map states (..., d) in raw units to the input of the networks, one row each, (n, d)."""
+        """Map states (..., d) in raw units to the input of the networks, one row each, (n, d).
+
+        Parameters
+        ----------
+        states:
+            States, (..., d).
+        """
         return torch.from_numpy(self.standardizer(states.reshape(-1, self.collector.state_width)))
 
     def snapshot(self, metadata: Mapping[str, Any] | None = None) -> Policy:

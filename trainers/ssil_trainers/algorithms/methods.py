@@ -114,24 +114,86 @@ Weights = Callable[[Demonstrations], NDArray[np.floating]]
 
 
 def imitate_labeled(demonstrations: Demonstrations) -> NDArray[np.floating]:
-    """Weight labeled pairs by 1 and unlabeled ones by 0."""
+    """Weight labeled pairs by 1 and unlabeled ones by 0.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> imitate_labeled(demonstrations)
+    array([1., 0., 0.], dtype=float32)
+    """
     return demonstrations.labeled.astype(np.float32)
 
 
 def imitate_all(demonstrations: Demonstrations) -> NDArray[np.floating]:
-    """Weight every pair by 1, as if all were expert data."""
+    """Weight every pair by 1, as if all were expert data.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> imitate_all(demonstrations)
+    array([1., 1., 1.], dtype=float32)
+    """
     return np.ones(len(demonstrations.labeled), np.float32)
 
 
 def imitate_by_leverage(demonstrations: Demonstrations) -> NDArray[np.floating]:
-    """Weight every pair by its leverage."""
+    """Weight every pair by its leverage.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with their leverage.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> imitate_by_leverage(demonstrations)
+    array([1. , 0.5, 0. ], dtype=float32)
+    """
     if demonstrations.leverage is None:
         raise _MISSING_RUN
     return demonstrations.leverage
 
 
 def no_shaping(demonstrations: Demonstrations, seed: int) -> Shaping:
-    """Add nothing to the discriminator's reward (GAIL)."""
+    """Add nothing to the discriminator's reward (GAIL).
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs; unused.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> no_shaping(demonstrations, 0)(states)
+    array([0., 0., 0.])
+    """
     return zero_reward
 
 
@@ -139,6 +201,25 @@ def shape_by_cor(demonstrations: Demonstrations, seed: int) -> Shaping:
     """Add CoR, with the unlabeled states as the negative ones (MixGAIL).
 
     Without a run, the sharpness of the kernel is fitted to the demonstrations here.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage field of a run.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = replace(demonstrations, field=field)
+    >>> reward = shape_by_cor(demonstrations, 0)(states)
+    >>> bool(reward[0] > reward[2])  # the first state is the labeled one
+    True
     """
     field = demonstrations.field
     if field is None:
@@ -148,14 +229,54 @@ def shape_by_cor(demonstrations: Demonstrations, seed: int) -> Shaping:
 
 
 def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
-    """Add LCoR (SSIL)."""
+    """Add LCoR (SSIL).
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage field of a run.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = replace(demonstrations, field=field)
+    >>> reward = shape_by_lcor(demonstrations, 0)(states)
+    >>> bool(reward[0] > reward[1] > reward[2])
+    True
+    """
     if demonstrations.field is None:
         raise _MISSING_RUN
     return leverage_constraint_reward(demonstrations.field)
 
 
 def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
-    """Add LCoR of the same leverage values, each given to another pair at random: a control."""
+    """Add LCoR of the same leverage values, each given to another pair at random: a control.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage and the field of a run.
+    seed:
+        Seed of the shuffling.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = replace(demonstrations, field=field)
+    >>> reward = shape_by_shuffled_lcor(demonstrations, 0)(states)
+    >>> bool((reward >= 0).all() and (reward <= 1).all())
+    True
+    """
     field = demonstrations.field
     if field is None or demonstrations.leverage is None:
         raise _MISSING_RUN
@@ -199,7 +320,13 @@ class Method:
         return self.uses_run and self.shaping is not shape_by_cor
 
     def override(self, settings: TrainSettings) -> TrainSettings:
-        """Return the settings with the method's own in place of the given ones."""
+        """Return the settings with the method's own in place of the given ones.
+
+        Parameters
+        ----------
+        settings:
+            Settings of a run.
+        """
         return replace(settings, **self.fixed_settings)
 
     def expert_sampler(

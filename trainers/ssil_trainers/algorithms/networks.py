@@ -69,12 +69,24 @@ class Gaussian:
     log_sigma: Tensor
 
     def log_likelihood(self, actions: Tensor) -> Tensor:
-        """Return the log-likelihood of unit actions (n, k) in each state, (n,), in nats."""
+        """Return the log-likelihood of unit actions (n, k) in each state, (n,), in nats.
+
+        Parameters
+        ----------
+        actions:
+            Unit actions, (n, k), not clipped.
+        """
         away = (actions - self.mean) * torch.exp(-self.log_sigma)
         return -(0.5 * away.square() + self.log_sigma + 0.5 * math.log(2 * math.pi)).sum(-1)
 
     def kl_to(self, other: Gaussian) -> Tensor:
-        """Return KL(self ‖ other) in nats, averaged over the n states, a scalar."""
+        """Return KL(self ‖ other) in nats, averaged over the n states, a scalar.
+
+        Parameters
+        ----------
+        other:
+            The distributions to compare with, of the same shape.
+        """
         ratio = torch.exp(2 * (self.log_sigma - other.log_sigma))
         away = (self.mean - other.mean) * torch.exp(-other.log_sigma)
         each = 0.5 * (ratio + away.square() - 1) + other.log_sigma - self.log_sigma
@@ -119,7 +131,13 @@ class PolicyNetwork(nn.Module):
         self.log_sigma = nn.Parameter(torch.full((actions,), log_sigma))
 
     def forward(self, states: Tensor) -> Gaussian:
-        """Map standardized states (n, d) to distributions over unit actions."""
+        """Map standardized states (n, d) to distributions over unit actions.
+
+        Parameters
+        ----------
+        states:
+            Standardized states, (n, d).
+        """
         return Gaussian(self.mean(states), self.log_sigma)
 
     def layers(self) -> tuple[Layer, ...]:
@@ -164,7 +182,13 @@ class TwoCritics(nn.Module):
         self.unit = 1 / (1 - discount) if discount < 1 else 1.0
 
     def forward(self, states: Tensor) -> Tensor:
-        """Map standardized states (n, d) to values (2, n): first V_D, then V_C."""
+        """Map standardized states (n, d) to values (2, n): first V_D, then V_C.
+
+        Parameters
+        ----------
+        states:
+            Standardized states, (n, d).
+        """
         x = states.expand(2, -1, -1)
         *inner, last = zip(self.biases, self.weights, strict=True)
         for bias, weight in inner:
@@ -208,11 +232,22 @@ class Discriminator(nn.Module):
         """Map pairs (n, d + k) to logits (n,), which are high where a pair looks like the policy's.
 
         A pair is a standardized state followed by a unit action.
+
+        Parameters
+        ----------
+        pairs:
+            Pairs, (n, d + k).
         """
         return self.net(pairs)[:, 0]
 
     def reward(self, pairs: Tensor) -> Tensor:
-        """Return −log D (n,), at least 0: the higher, the more a pair looks like the experts'."""
+        """Return −log D (n,), at least 0: the higher, the more a pair looks like the experts'.
+
+        Parameters
+        ----------
+        pairs:
+            Pairs, (n, d + k).
+        """
         return softplus(-self(pairs))
 
 

@@ -59,13 +59,25 @@ class ActionBox:
             )
 
     def to_unit(self, actions: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Clip actions (n, k) to the box and map it to [−1, 1], (n, k)."""
+        """Clip actions (n, k) to the box and map it to [−1, 1], (n, k).
+
+        Parameters
+        ----------
+        actions:
+            Actions in raw units, (n, k).
+        """
         inside = np.clip(actions, self.low, self.high)
         unit = 2 * (inside - self.low) / (self.high - self.low) - 1
         return unit.astype(np.float32)
 
     def from_unit(self, unit: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Clip unit actions (n, k) to [−1, 1] and map them to the box, (n, k)."""
+        """Clip unit actions (n, k) to [−1, 1] and map them to the box, (n, k).
+
+        Parameters
+        ----------
+        unit:
+            Unit actions, (n, k).
+        """
         share = (np.clip(unit, -1, 1) + 1) / 2
         return (self.low + share * (self.high - self.low)).astype(np.float32)
 
@@ -110,11 +122,23 @@ class Policy:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean actions (n, k), within the box, of states (n, d) in raw units."""
+        """Return the mean actions (n, k), within the box, of states (n, d) in raw units.
+
+        Parameters
+        ----------
+        states:
+            States in raw units, (n, d).
+        """
         return self.box.from_unit(self.mean(states))
 
     def mean(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean unit actions (n, k) of states (n, d) in raw units, not clipped."""
+        """Return the mean unit actions (n, k) of states (n, d) in raw units, not clipped.
+
+        Parameters
+        ----------
+        states:
+            States in raw units, (n, d).
+        """
         x = self.standardizer(states)
         for weight, bias in self.layers[:-1]:
             x = x @ weight

@@ -105,7 +105,13 @@ class Task(ABC):
         return found if found["identity"] == self.identity else None
 
     def write_result(self, result: Mapping[str, Any]) -> None:
-        """Write the result completely or not at all."""
+        """Write the result completely or not at all.
+
+        Parameters
+        ----------
+        result:
+            The figures, as JSON.
+        """
         text = json.dumps({"identity": self.identity, **result}, indent=1, allow_nan=False)
         Folder(self.path.parent).write(self.path.name, f"{text}\n".encode())
 
@@ -202,7 +208,15 @@ class Clock:
 
 
 def settings_of(method: str, settings: TrainSettings) -> dict[str, Any]:
-    """Return the settings that a method is trained with, as JSON."""
+    """Return the settings that a method is trained with, as JSON.
+
+    Parameters
+    ----------
+    method:
+        Name of the method.
+    settings:
+        Settings of the run.
+    """
     return asdict(METHODS[method].override(settings))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import altair as alt
 import numpy as np
 
-from ssil_data.report.look import Spec, build_spec, title
+from ssil_data.report.style import Spec, build_spec, title
 from ssil_trainers.experiments import published
 from ssil_trainers.experiments.results import Results, learning_curve
 from ssil_trainers.experiments.tables import Table

@@ -96,7 +96,13 @@ class Plan:
         return table.settings(self.training, seed=seed, budget=self.budget)
 
     def store(self, dataset: str) -> Store:
-        """Return the working store of a dataset, and copy the dataset if that was not done."""
+        """Return the working store of a dataset, and copy the dataset if that was not done.
+
+        Parameters
+        ----------
+        dataset:
+            Name of the dataset.
+        """
         return copy_dataset(self.source, dataset, self.work)
 
     def _scoring_tasks(self) -> list[Task]:

@@ -67,21 +67,53 @@ class Results:
         return self._groups.get(key, [])
 
     def budget(self, table: Table) -> int:
-        """Return the environment steps of the table's longest run; 0 without results."""
+        """Return the environment steps of the table's longest run; 0 without results.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        """
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return max((record["curve"][-1]["steps"] for record in found), default=0)
 
     def full_score(self, table: Table) -> float | None:
-        """Return the return that counts as a score of 1; None without results."""
+        """Return the return that counts as a score of 1; None without results.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        """
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return found[0]["full_score"] if found else None
 
     def scores(self, table: Table, row: Row, labels: int | None) -> NDArray[np.float64]:
-        """Return the final scores (seeds,) in the real environment; higher is better."""
+        """Return the final scores (seeds,) in the real environment; higher is better.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        row:
+            Its row.
+        labels:
+            Number of labels; None is all.
+        """
         return np.array([record["score"] for record in self.records_of(table, row, labels)])
 
     def summary(self, table: Table, row: Row, labels: int | None) -> Summary | None:
-        """Summarize a row; None without results."""
+        """Summarize a row; None without results.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        row:
+            Its row.
+        labels:
+            Number of labels; None is all.
+        """
         found = self.records_of(table, row, labels)
         if not found:
             return None
@@ -90,16 +122,38 @@ class Results:
         )
 
     def leverage(self, preset: str, estimator: str) -> list[Mapping[str, Any]]:
-        """Return the results of scoring runs, seed by seed."""
+        """Return the results of scoring runs, seed by seed.
+
+        Parameters
+        ----------
+        preset:
+            Name of the preset.
+        estimator:
+            Name of the estimator.
+        """
         return self._groups.get((LEVERAGE, None, preset, estimator), [])
 
     def tiers(self, preset: str, estimator: str) -> NDArray[np.float64]:
-        """Return the mean leverage (seeds, tiers), worst tier first; empty without results."""
+        """Return the mean leverage (seeds, tiers), worst tier first; empty without results.
+
+        Parameters
+        ----------
+        preset:
+            Name of the preset.
+        estimator:
+            Name of the estimator.
+        """
         found = self.leverage(preset, estimator)
         return np.array([list(record["mean_leverage_by_tier"].values()) for record in found])
 
     def numbers(self, tables: Iterable[Table]) -> Numbers:
-        """Return the numbers that claims about these tables are judged by."""
+        """Return the numbers that claims about these tables are judged by.
+
+        Parameters
+        ----------
+        tables:
+            The tables.
+        """
         scores = {
             (table.name, labels, row.key): self.scores(table, row, labels)
             for table in tables
@@ -109,7 +163,13 @@ class Results:
         return Numbers(scores, {kind: self.tiers("paper", kind) for kind in ESTIMATORS})
 
     def rows(self, table: Table) -> list[Record]:
-        """Return the table as rows, one for each method and number of labels with results."""
+        """Return the table as rows, one for each method and number of labels with results.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        """
         rows = [self._row(table, row, labels) for labels in table.labels for row in table.rows]
         return [row for row in rows if row is not None]
 
@@ -133,7 +193,13 @@ class Results:
         }
 
     def over_labels(self, table: Table) -> list[Record]:
-        """Return each method's interquartile mean over all labels, with its stratified interval."""
+        """Return each method's interquartile mean over all labels, with its stratified interval.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        """
         made = []
         for row in table.rows:
             numbers = table.labels if row.labeled else table.labels[:1]
@@ -171,7 +237,15 @@ class Results:
         }
 
     def judge(self, claims: Iterable[Claim], numbers: Numbers) -> list[Record]:
-        """Return each claim with its verdict and the numbers behind it."""
+        """Return each claim with its verdict and the numbers behind it.
+
+        Parameters
+        ----------
+        claims:
+            The claims.
+        numbers:
+            What was measured.
+        """
         made = []
         for claim in claims:
             judgment = claim.rule(numbers)
@@ -188,7 +262,13 @@ class Results:
 
 
 def learning_curve(record: Mapping[str, Any]) -> Curve:
-    """Return a cell's learning curve, measured where it was trained."""
+    """Return a cell's learning curve, measured where it was trained.
+
+    Parameters
+    ----------
+    record:
+        Content of the cell's file.
+    """
     rows = record["curve"]
     return Curve(tuple(row["steps"] for row in rows), tuple(row["score"] for row in rows))
 

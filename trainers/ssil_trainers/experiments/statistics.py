@@ -44,7 +44,13 @@ class Curve:
     scores: tuple[float, ...]
 
     def steps_to(self, score: float) -> int | None:
-        """Return the steps after which a score was first reached; None if it never was."""
+        """Return the steps after which a score was first reached; None if it never was.
+
+        Parameters
+        ----------
+        score:
+            The score to reach.
+        """
         return next((s for s, at in zip(self.steps, self.scores, strict=True) if at >= score), None)
 
     @property
@@ -97,7 +103,22 @@ class Summary:
 
     @classmethod
     def of(cls, scores: Sequence[float], curves: Sequence[Curve]) -> Summary:
-        """Summarize the scores and curves of n ≥ 1 seeds, given in the same order."""
+        """Summarize the scores and curves of n ≥ 1 seeds, given in the same order.
+
+        Parameters
+        ----------
+        scores:
+            Final scores, n of them.
+        curves:
+            Learning curves, in the same order.
+
+        Examples
+        --------
+        >>> curve = Curve((0, 10), (0.0, 1.0))
+        >>> summary = Summary.of([0.8, 1.0], [curve, curve])
+        >>> summary.mean, summary.reached, summary.steps_to_90
+        (0.9, 2, 10.0)
+        """
         values = np.asarray(scores, np.float64)
         low, high = interval([values])
         reached = [curve.steps_to(0.9) for curve in curves]

@@ -52,7 +52,13 @@ class Numbers:
     tiers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def highest(self, table: str) -> float:
-        """Return the highest score of any method of a table in any seed."""
+        """Return the highest score of any method of a table in any seed.
+
+        Parameters
+        ----------
+        table:
+            Name of the table.
+        """
         found = [scores for (name, *_), scores in self.scores.items() if name == table]
         return float(np.concatenate(found).max())
 

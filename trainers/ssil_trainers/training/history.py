@@ -59,7 +59,13 @@ class HistoryRow:
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> HistoryRow:
-        """Make the row that `dataclasses.asdict` turned into JSON."""
+        """Make the row that `dataclasses.asdict` turned into JSON.
+
+        Parameters
+        ----------
+        row:
+            The JSON of a row.
+        """
         iteration = row["iteration"]
         evaluation = row["evaluation"]
         return cls(
