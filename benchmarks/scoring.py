@@ -59,9 +59,8 @@ def main() -> None:
 
 def print_row(kind: str, dataset: Dataset, run: str, pairs: Pairs, folder: Path) -> None:
     """Measure one estimator."""
-    from ssil_data.scoring import LeverageModel
 
-    fitted: Fitted = LeverageModel.of(dataset, run).estimator
+    fitted: Fitted = dataset.model(run).estimator
     values = dataset.runs.values(run).cast(VALUES)
     whole, files, forward = [], [], []
     for _ in range(ROUNDS):

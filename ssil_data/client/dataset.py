@@ -19,6 +19,7 @@ from ssil_data.client.runs import RemoteRuns, run_path
 from ssil_data.client.upload import episodes_body
 from ssil_data.client.wire import ARROW, IDEMPOTENCY, matrix_of_rows, pairs_of_table
 from ssil_data.demonstrations import Episode, Pairs, join_pairs
+from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import Estimator
 from ssil_data.kernels import check_alpha
 from ssil_data.scoring import Progress, Recipe
@@ -97,14 +98,22 @@ class RemoteDataset:
         summary = self._connection.json("GET", self.path, params={"version": version})
         return RemoteDataset(self._connection, summary, self._limits)
 
-    @cached_property
+    @property
     def card(self) -> str:
         """The dataset's card, Markdown."""
-        return self._connection.request("GET", f"{self.path}/card").text
+        return self._card
 
     @cached_property
+    def _card(self) -> str:
+        return self._connection.request("GET", f"{self.path}/card").text
+
+    @property
     def episodes(self) -> pa.Table:
         """The episodes in order: episode, length, labeled, source, score, tier, ending."""
+        return self._episodes
+
+    @cached_property
+    def _episodes(self) -> pa.Table:
         return read_table(self._connection, f"{self.path}/episodes", self.version)
 
     def pairs(self) -> Pairs:
@@ -257,6 +266,7 @@ class RemoteDataset:
     def score(
         self,
         recipe: Recipe | Estimator,
+        /,
         *,
         seed: int = 0,
         run: str | None = None,
@@ -294,6 +304,7 @@ class RemoteDataset:
         self,
         source: RemoteDataset,
         source_run: str,
+        /,
         *,
         run: str | None = None,
         progress: Progress | None = None,
@@ -325,6 +336,10 @@ class RemoteDataset:
         ConflictError
             If a run of the new name exists.
         """
+        if not isinstance(source, RemoteDataset):
+            raise InvalidInputError(
+                f"source: {source!r} is local; a service scores with runs of its own store only"
+            )
         fitted = {"dataset": source.name, "run": source_run}
         return self.runs[self.start({"fitted": fitted, "run": run}).wait(progress)]
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from typing import Any, Protocol, Self, TypeVar, overload
 
 import numpy as np
 import pyarrow as pa
@@ -14,13 +15,13 @@ from numpy.typing import NDArray
 
 from ssil_data import scales
 from ssil_data.demonstrations import Pairs
-from ssil_data.errors import ConflictError
+from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import Estimator, Fitted, dump
 from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
+from ssil_data.leverage_model import LeverageModel
 from ssil_data.scales import Conformal, Scale
 from ssil_data.scoring.calibration_split import split_held_out
-from ssil_data.scoring.models import LeverageModel
 from ssil_data.scoring.recipes import Recipe
 from ssil_data.scoring.streaming import Streamed, stream
 from ssil_data.store.arrow_schema import PARTS
@@ -32,8 +33,39 @@ Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
 
+class ServedDataset(Protocol):
+    """A dataset whose runs are made elsewhere: the client's, behind a service."""
+
+    def score(
+        self,
+        recipe: Recipe | Estimator,
+        /,
+        *,
+        seed: int = 0,
+        run: str | None = None,
+        progress: Progress | None = None,
+    ) -> Run:
+        """Do what `score` does, where the dataset is."""
+        ...
+
+    def rescore(
+        self,
+        source: Self,
+        source_run: str,
+        /,
+        *,
+        run: str | None = None,
+        progress: Progress | None = None,
+    ) -> Run:
+        """Do what `rescore` does, where both datasets are."""
+        ...
+
+
+Served = TypeVar("Served", bound=ServedDataset)
+
+
 def score(
-    dataset: Dataset,
+    dataset: Dataset | ServedDataset,
     recipe: Recipe | Estimator,
     *,
     seed: int = 0,
@@ -48,7 +80,7 @@ def score(
     Parameters
     ----------
     dataset
-        The dataset; its labeled episodes are the expert's.
+        The dataset, local or behind a service; its labeled episodes are the expert's.
     recipe
         How: a recipe, or an estimator, which then goes with the quantile scale.
     seed
@@ -77,6 +109,8 @@ def score(
     >>> leverage.shape == (len(dataset),), bool(leverage.min() >= 0), bool(leverage.max() <= 1)
     (True, True, True)
     """
+    if not isinstance(dataset, Dataset):
+        return dataset.score(recipe, seed=seed, run=run, progress=progress)
     started_at = time.perf_counter()
     recipe = Recipe.of(recipe)
     report = progress or _ignore_progress
@@ -93,9 +127,27 @@ def score(
     return _commit(dataset, recipe, model, streamed, name=run, seed=seed, started_at=started_at)
 
 
+@overload
 def rescore(
     dataset: Dataset,
     source: Dataset,
+    source_run: str,
+    *,
+    run: str | None = None,
+    progress: Progress | None = None,
+) -> Run: ...
+@overload
+def rescore(
+    dataset: Served,
+    source: Served,
+    source_run: str,
+    *,
+    run: str | None = None,
+    progress: Progress | None = None,
+) -> Run: ...
+def rescore(
+    dataset: Any,
+    source: Any,
     source_run: str,
     *,
     run: str | None = None,
@@ -108,10 +160,10 @@ def rescore(
     Parameters
     ----------
     dataset
-        The dataset to score; it needs no labels.
+        The dataset to score, local or behind a service; it needs no labels.
     source
         The dataset of the other run: this one, another version of it, or another dataset with
-        states and actions of the same widths.
+        states and actions of the same widths; local like `dataset`, or behind the same service.
     source_run
         The other run's name.
     run
@@ -139,9 +191,15 @@ def rescore(
     >>> bool(np.array_equal(dataset.leverage("again"), dataset.leverage("vae")))
     True
     """
+    if not isinstance(dataset, Dataset):
+        return dataset.rescore(source, source_run, run=run, progress=progress)
+    if not isinstance(source, Dataset):
+        raise InvalidInputError(
+            f"source: {source!r} is behind a service; open its store to score a local dataset"
+        )
     started_at = time.perf_counter()
     original = source.runs.of_any_version(source_run)
-    model = LeverageModel.of_record(source, original)
+    model = source.model(source_run)
     if run is not None:
         dataset.runs.check_unused(run)
     streamed = _stream_dataset(dataset, model.estimator, progress or _ignore_progress)

@@ -17,15 +17,17 @@ from ssil_data.demonstrations import Episode, Pairs, join_pairs
 from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
+from ssil_data.leverage_model import LeverageModel
 from ssil_data.store.arrow_schema import (
     EPISODES,
-    description_of,
+    decode_pairs,
+    describe_episode,
     dimension_names,
+    encode_episode,
     matrix,
-    pairs_of,
-    rows_of,
 )
 from ssil_data.store.delta_table import BATCH_ROWS, DataFile, VersionedTable
+from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
 from ssil_data.store.folder import Folder
 from ssil_data.store.runs import Runs
 
@@ -37,10 +39,32 @@ class Dataset:
 
     An episode exists when the episodes table has its row. Pairs are written first, so an import
     that was killed between the two leaves rows that no version reads.
+
+    Parameters
+    ----------
+    folder
+        The dataset's folder; `Store[name]` opens it by name.
+    version
+        Number of a commit of the episodes table, None for the newest; `at` opens a version by its
+        fingerprint.
+
+    Raises
+    ------
+    DamagedError
+        If a table's log cannot be read.
+
+    Examples
+    --------
+    >>> dataset = store["drives"]
+    >>> dataset.name, len(dataset), dataset.state_names
+    ('drives', 420, ['distance', 'speed', 'heading'])
+    >>> field = dataset.field("vae")
+    >>> field.lcor(dataset.episode(0).states).values.shape
+    (60,)
     """
 
     def __init__(self, folder: Folder, version: int | None = None) -> None:
-        """Open the newest version, or the one that a commit of the episodes table made."""
+        """Open a version; its values are read when they are asked for."""
         self.folder = folder
         self.name = folder.uri.rsplit("/", 1)[-1]
         self._episodes = VersionedTable(folder / "episodes", version)
@@ -54,9 +78,13 @@ class Dataset:
         """Count the pairs."""
         return sum(file.rows for file in self._files)
 
-    @cached_property
+    @property
     def episodes(self) -> pa.Table:
         """The episodes in order: episode, length, labeled, source, score, tier, ending."""
+        return self._episodes_table
+
+    @cached_property
+    def _episodes_table(self) -> pa.Table:
         batches = self._episodes.batches(self._episodes.files(), EPISODES.names)
         return pa.Table.from_batches(batches, EPISODES)
 
@@ -80,9 +108,13 @@ class Dataset:
         """The dataset's card, Markdown."""
         return self.folder.read(CARD).decode()
 
-    @cached_property
+    @property
     def version(self) -> str:
         """The fingerprint of the dataset: a digest over the digests of its files."""
+        return self._fingerprint
+
+    @cached_property
+    def _fingerprint(self) -> str:
         files = [file.path for file in (*self._files, *self._episodes.files())]
         names = json.dumps([self.state_names, self.action_names])
         return hashlib.sha256("\n".join([names, *files]).encode()).hexdigest()[:16]
@@ -109,7 +141,18 @@ class Dataset:
         ]
 
     def at(self, version: str) -> Dataset:
-        """Open an earlier version by its fingerprint; raises NotFoundError."""
+        """Open an earlier version.
+
+        Parameters
+        ----------
+        version
+            Its fingerprint, one of `versions`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such version.
+        """
         versions = self.versions
         if version not in versions:
             raise NotFoundError(
@@ -118,19 +161,34 @@ class Dataset:
         return Dataset(self.folder, versions.index(version) + 1)
 
     def append(self, episodes: Iterable[Episode]) -> Dataset:
-        """Add episodes, numbered on from the last, and return the new version.
+        """Add episodes, numbered on from the last, as a new version.
 
-        Raises InvalidInputError for other widths or no episode, ConflictError if another writer
-        added episodes meanwhile; the dataset is then unchanged.
+        Parameters
+        ----------
+        episodes
+            At least one, of the dataset's widths.
+
+        Returns
+        -------
+        Dataset
+            The new version; this one stays as it is.
+
+        Raises
+        ------
+        InvalidInputError
+            For episodes of another width, or none; nothing is written then.
+        ConflictError
+            If another writer added episodes meanwhile; nothing is written then.
         """
-        pairs, table = VersionedTable(self._pairs.folder), VersionedTable(self._episodes.folder)
+        pairs = VersionedTable(self._pairs.folder)
+        table = VersionedTable(self._episodes.folder)
         first = max((file.last for file in pairs.files()), default=-1) + 1
         rows: list[dict[str, Any]] = []
 
         def chunks() -> Iterator[pa.Table]:
             for number, episode in enumerate(episodes, start=first):
-                yield rows_of(number, episode, pairs.schema)
-                rows.append(description_of(number, episode))
+                yield encode_episode(number, episode, pairs.schema)
+                rows.append(describe_episode(number, episode))
             if not rows:
                 raise InvalidInputError("episodes: expected at least one, found none")
 
@@ -139,13 +197,24 @@ class Dataset:
         return Dataset(self.folder)
 
     def batches(self, *, rows: int = BATCH_ROWS) -> Iterator[Pairs]:
-        """Read all pairs in order, up to `rows` at a time; episodes may be cut between batches."""
+        """Read all pairs in order, in batches; episodes may be cut between them.
+
+        Parameters
+        ----------
+        rows
+            Pairs of a batch at most.
+
+        Raises
+        ------
+        DamagedError
+            Where bytes are not those that were written.
+        """
         return self._read(self._files, rows)
 
     def _read(self, files: Iterable[DataFile], rows: int = BATCH_ROWS) -> Iterator[Pairs]:
         columns = ("episode", "step", "state", "action")
         for batch in self._pairs.batches(files, columns, rows=rows):
-            yield pairs_of(batch, self._pairs.schema)
+            yield decode_pairs(batch, self._pairs.schema)
 
     def index(self) -> Iterator[pa.RecordBatch]:
         """Read which episode and step each pair is, in order and in batches."""
@@ -156,21 +225,31 @@ class Dataset:
         return join_pairs(list(self.batches()))
 
     def episode(self, number: int) -> Pairs:
-        """Read the pairs of one episode; raises NotFoundError."""
-        if number not in self.episodes["episode"].to_pylist():
-            raise NotFoundError(
-                f"episode of {self.name}: expected 0 to {len(self.episodes) - 1}, found {number}"
-            )
+        """Read the pairs of one episode.
+
+        Parameters
+        ----------
+        number
+            Of the episode, from 0.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that number.
+        """
+        check_episode(self.name, self.episodes, number)
         return self._read_episodes(np.array([number]))
 
     def labeled(self) -> Pairs:
-        """Read the labeled pairs; raises InvalidInputError if there are none."""
+        """Read the pairs of the labeled episodes.
+
+        Raises
+        ------
+        InvalidInputError
+            If there are none.
+        """
+        check_labeled(self.name, self.episodes)
         chosen = self.episodes.filter(pc.field("labeled"))["episode"].to_numpy()
-        if not len(chosen):
-            raise InvalidInputError(
-                f"labeled episodes of {self.name}: expected at least one, found none among "
-                f"{len(self.episodes)}"
-            )
         return self._read_episodes(chosen)
 
     def _read_episodes(self, episodes: NDArray[np.int64]) -> Pairs:
@@ -184,14 +263,29 @@ class Dataset:
         )
 
     def per_pair(self, column: str) -> NDArray[Any]:
-        """Return a column of the episodes table, such as `labeled`, for every pair (n,)."""
-        values = self.episodes[column].to_numpy()
-        return np.repeat(values, self.episodes["length"].to_numpy())
+        """Return a column of the episodes table for every pair (n,).
+
+        Parameters
+        ----------
+        column
+            Its name, such as `labeled` or `tier`.
+        """
+        return repeat_per_pair(self.episodes, column)
 
     def read_recorded(self, column: str) -> NDArray[np.float32] | None:
-        """Read `reward` (n,) or `position` (n, 2) of every pair; None where any has none.
+        """Read what was recorded beside every pair, for evaluation and maps only.
 
-        For evaluation and maps only: no estimator or trainer reads them.
+        No estimator or trainer reads it.
+
+        Parameters
+        ----------
+        column
+            `reward` or `position`.
+
+        Returns
+        -------
+        ndarray or None
+            (n,), or (n, 2) in meters; None where any pair has none.
         """
         batches = list(self._pairs.batches(self._files, [column]))
         values = pa.Table.from_batches(batches)[column].combine_chunks()
@@ -205,8 +299,39 @@ class Dataset:
         return Runs(self.folder, self.version)
 
     def leverage(self, run: str) -> NDArray[np.float32]:
-        """Read the leverage that a run gave to every pair, (n,) in [0, 1]."""
+        """Read the leverage that a run gave to every pair, (n,) in [0, 1]; 1 = expert-like.
+
+        Parameters
+        ----------
+        run
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        ConflictError
+            If the run was made from another version.
+        """
         return self.runs.values(run)["leverage"].to_numpy()
+
+    def model(self, run: str) -> LeverageModel:
+        """Return the fitted estimator and scale of a run of any version.
+
+        Parameters
+        ----------
+        run
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        DamagedError
+            Where bytes are not those that were written.
+        """
+        record = self.runs.of_any_version(run)
+        return LeverageModel.from_archive(self.runs.model(record), record.fitted_scale)
 
     def field(
         self,
@@ -216,10 +341,28 @@ class Dataset:
         device: str = "cpu",
         threads: int | None = None,
     ) -> LeverageField:
-        """Return the leverage field of a run over all states, with the run's alpha or another.
+        """Return the leverage field of a run, which gives LCoR of any state.
 
-        `device` is where torch holds the states, as "cuda"; on "cpu" code is written for the host,
-        whose processors are all used, or `threads` of them.
+        Parameters
+        ----------
+        run
+            The run's name.
+        alpha
+            Sharpness of the kernel; the run's own unless given.
+        device
+            "cpu", where machine code is generated for the host, or where torch keeps the states,
+            such as "cuda".
+        threads
+            Processors to use on "cpu"; all unless given.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        ConflictError
+            If the run was made from another version.
+        InvalidInputError
+            For an alpha that is not positive.
         """
         record = self.runs[run]
         return LeverageField(

@@ -151,7 +151,7 @@ def test_states_are_refused_as_they_are_locally(dataset: RemoteDataset, local: s
 def test_a_model_scores_pairs_like_the_local_one(dataset: RemoteDataset, local: sd.Store):
     pairs = local["drives"].episode(4)
     found = dataset.model("mdn")(pairs)
-    expected = sd.LeverageModel.of(local["drives"], "mdn")(pairs)
+    expected = local["drives"].model("mdn")(pairs)
     assert_array_equal(found.uncertainty, expected.uncertainty)
     assert_array_equal(found.leverage, expected.leverage)
     assert set(found.parts) == set(expected.parts)

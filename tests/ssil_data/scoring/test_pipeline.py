@@ -8,7 +8,7 @@ import pytest
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import ESTIMATORS, GPR, MDN, VAE, WindowVAE
 from ssil_data.scales import Conformal, MinMax
-from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
+from ssil_data.scoring import Recipe, preset, rescore, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
@@ -49,7 +49,7 @@ def test_a_fitted_model_scores_another_dataset_unchanged(dataset: Dataset, store
         "other", [drive(50, 40)], state_names=STATE_NAMES, action_names=ACTION_NAMES
     )
     again = rescore(other, dataset, run.name)
-    expected = LeverageModel.of(dataset, run.name)(other.pairs()).leverage
+    expected = dataset.model(run.name)(other.pairs()).leverage
     np.testing.assert_array_equal(other.leverage(again.name), expected)
     assert again.model == run.model
     assert again.fitted_scale == run.fitted_scale

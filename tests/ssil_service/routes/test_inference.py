@@ -86,7 +86,7 @@ def test_an_estimator_scores_pairs(asked: httpx.Client, dataset: sd.Dataset):
     inputs.append(tensor("episode", pairs.episode, "INT64"))
     answer = asked.post("v2/models/drives.vae/infer", json={"inputs": inputs}).json()
     outputs = {each["name"]: each["data"] for each in answer["outputs"]}
-    expected = sd.LeverageModel.of(dataset, "vae")(pairs)
+    expected = dataset.model("vae")(pairs)
     assert_array_equal(outputs["leverage"], expected.leverage)
     assert_array_equal(outputs["uncertainty"], expected.uncertainty)
 

@@ -79,7 +79,7 @@ def test_pairs_never_seen_get_the_leverage_of_the_local_model(asked: httpx.Clien
     states, actions = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
     body = {"states": states.tolist(), "actions": actions.tolist()}
     answer = asked.post(SCORE, json=body).json()
-    model = sd.LeverageModel.of(sd.Store(scored)["drives"], "vae")
+    model = sd.Store(scored)["drives"].model("vae")
     expected = model(sd.Pairs(states, actions, np.zeros(9, int), np.arange(9)))
     assert_array_equal(answer["uncertainty"], expected.uncertainty)
     assert_array_equal(answer["leverage"], expected.leverage)

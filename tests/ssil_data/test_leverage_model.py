@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ssil_data.estimators import ESTIMATORS
-from ssil_data.scoring import LeverageModel, score
+from ssil_data.scoring import score
 from ssil_data.store.dataset import Dataset
 
 KINDS = sorted(ESTIMATORS)
@@ -13,7 +13,7 @@ KINDS = sorted(ESTIMATORS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_stored_model_gives_pairs_the_leverage_of_the_run(dataset: Dataset, kind: str):
     run = score(dataset, ESTIMATORS[kind]())
-    scored = LeverageModel.of(dataset, run.name)(dataset.pairs())
+    scored = dataset.model(run.name)(dataset.pairs())
     np.testing.assert_array_equal(scored.leverage, dataset.leverage(run.name))
     values = dataset.runs.values(run.name)
     np.testing.assert_array_equal(scored.uncertainty, values["uncertainty"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,6 @@ from ssil_data import scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import Fitted, load
 from ssil_data.scales import FittedScale
-from ssil_data.store.dataset import Dataset
-from ssil_data.store.run_record import Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class LeverageModel:
 
     Examples
     --------
-    >>> model = sd.LeverageModel.of(dataset, "vae")
+    >>> model = dataset.model("vae")
     >>> scored = model(dataset.episode(0))
     >>> bool(np.array_equal(scored.leverage, dataset.leverage("vae")[: len(scored.leverage)]))
     True
@@ -58,42 +57,22 @@ class LeverageModel:
     scale: FittedScale
 
     @classmethod
-    def of(cls, dataset: Dataset, run: str) -> LeverageModel:
-        """Load the model of a run of any version.
+    def from_archive(cls, archive: bytes, fitted_scale: Mapping[str, Any]) -> Self:
+        """Read the model of a run; `Dataset.model` does it by the run's name.
 
         Parameters
         ----------
-        dataset
-            The dataset that was scored.
-        run
-            The run's name.
-
-        Raises
-        ------
-        NotFoundError
-            If no run has the name.
-        DamagedError
-            Where bytes are not those that were written.
-        """
-        return cls.of_record(dataset, dataset.runs.of_any_version(run))
-
-    @classmethod
-    def of_record(cls, dataset: Dataset, record: Run) -> LeverageModel:
-        """Load the model of a run whose record was read already.
-
-        Parameters
-        ----------
-        dataset
-            The dataset that was scored.
-        record
-            The run's record.
+        archive
+            The fitted estimator's bytes, safetensors.
+        fitted_scale
+            The run record's `fitted_scale`.
 
         Raises
         ------
         DamagedError
-            Where bytes are not those that were written.
+            For bytes that are no fitted estimator.
         """
-        return cls(load(dataset.runs.model(record)), scales.from_json(record.fitted_scale))
+        return cls(load(archive), scales.from_json(fitted_scale))
 
     def __call__(self, pairs: Pairs) -> Scored:
         """Give pairs a leverage.
