@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 problem details: what was expected and where, never the body itself."""
+"""Errors as RFC 9457 problem details: what is wrong and where, never the body itself."""
 
 from __future__ import annotations
 
@@ -12,27 +12,18 @@ from pydantic import BaseModel
 from pydantic_core import ErrorDetails, to_json
 from starlette.responses import Response
 
-from ssil_data.errors import (
-    ConflictError,
-    DamagedError,
-    InvalidInputError,
-    NotFoundError,
-    SsilDataError,
-)
+from ssil_data.client.error_kinds import STATUS
+from ssil_data.errors import DamagedError, SsilDataError
 
 PROBLEM = "application/problem+json"
 SHOWN = 100
 """Faults that one problem names at most."""
-_STATUS: dict[type[SsilDataError], int] = {
-    NotFoundError: 404,
-    ConflictError: 409,
-    InvalidInputError: 422,
-    DamagedError: 500,
-}
+_NAME_LENGTH = 100
+"""Letters of a field's name that are shown at most; clients may make it up."""
 
 
 class Fault(BaseModel):
-    """One offending place."""
+    """One offending place of a request."""
 
     detail: str
     field: str | None = None
@@ -53,7 +44,19 @@ class ProblemDetails(BaseModel):
 
 
 class Problem(Exception):  # noqa: N818  as RFC 9457 calls it
-    """An answer that is an error."""
+    """An error as an answer.
+
+    Parameters
+    ----------
+    status
+        HTTP status.
+    detail
+        What is wrong, and what to do about it; shown to the client.
+    errors
+        The offending places, of which the first `SHOWN` are shown.
+    headers
+        Further headers.
+    """
 
     def __init__(
         self,
@@ -70,7 +73,18 @@ class Problem(Exception):  # noqa: N818  as RFC 9457 calls it
         self.headers = dict(headers or {})
 
     def response(self, path: str = "") -> Response:
-        """Return the problem as an answer to a request for `path`."""
+        """Return the problem as an answer.
+
+        Parameters
+        ----------
+        path
+            Path of the request, as the inference protocol wants the detail under another name.
+
+        Returns
+        -------
+        Response
+            `application/problem+json`.
+        """
         details = ProblemDetails(
             title=HTTPStatus(self.status).phrase,
             status=self.status,
@@ -83,18 +97,44 @@ class Problem(Exception):  # noqa: N818  as RFC 9457 calls it
 
 
 def busy(status: int, detail: str, seconds: float) -> Problem:
-    """Return the problem of a service that has too much to do: ask again after `seconds`.
+    """Return the problem of a service that has too much to do.
 
-    `Retry-After` tells that nothing was begun: who asked for a change may repeat it.
+    Parameters
+    ----------
+    status
+        503, or 429 for jobs.
+    detail
+        What there is too much of.
+    seconds
+        When to try again. `Retry-After` also promises that nothing was begun: a client may repeat
+        even a change.
+
+    Returns
+    -------
+    Problem
+        With the header.
     """
     return Problem(status, detail, headers={"Retry-After": str(max(1, round(seconds)))})
 
 
 def of_library(error: SsilDataError, known: Iterable[str] = ()) -> Problem:
-    """Return the library's error as a problem; its message may name a place on the machine."""
-    status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), 500)
+    """Return the library's error as a problem.
+
+    Parameters
+    ----------
+    error
+        What the library raised.
+    known
+        Places on this machine, such as the store's folder; its message must not show them.
+
+    Returns
+    -------
+    Problem
+        With the status of the error's kind.
+    """
+    status = next((code for kind, code in STATUS.items() if isinstance(error, kind)), 500)
     if isinstance(error, DamagedError):
-        return Problem(status, "store: expected bytes as written, found them damaged")
+        return Problem(status, "Stored data are damaged; `ssil-data validate` names the files")
     detail = str(error)
     for place in known:
         detail = detail.replace(place, "the store")
@@ -102,24 +142,48 @@ def of_library(error: SsilDataError, known: Iterable[str] = ()) -> Problem:
 
 
 def of_fault(error: Exception) -> Problem:
-    """Return what nobody expected as a problem: 507 for a full disk, else 500."""
+    """Return an exception that the service does not expect as a problem.
+
+    Parameters
+    ----------
+    error
+        The exception; nothing of it is shown.
+
+    Returns
+    -------
+    Problem
+        507 for a full disk, else 500.
+    """
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return Problem(507, "service: expected room on the disk, found none")
-    return Problem(500, "service: expected an answer, found a fault of its own")
+        return Problem(507, "The service's disk is full")
+    return Problem(500, "Internal error; the service's log has it under the request id")
 
 
-def of_validation(found: Iterable[ErrorDetails | Mapping[str, Any]], where: str) -> Problem:
-    """Return pydantic's errors as one problem that names every field, row and column."""
-    errors = [_fault(each["loc"], each["msg"]) for each in islice(found, SHOWN)]
-    first = errors[0].detail if errors else "expected another form"
-    return Problem(422, f"{where}: {first}", errors=errors)
+def of_validation(errors: Iterable[ErrorDetails | Mapping[str, Any]], where: str) -> Problem:
+    """Return pydantic's errors as one problem.
+
+    Parameters
+    ----------
+    errors
+        As pydantic gives them, of which the first `SHOWN` are shown.
+    where
+        What was validated: "body", "query", "request".
+
+    Returns
+    -------
+    Problem
+        422, naming every field, row and column.
+    """
+    faults = [_fault(each["loc"], each["msg"]) for each in islice(errors, SHOWN)]
+    first = faults[0].detail if faults else "not in the right form"
+    return Problem(422, f"{where}: {first}", errors=faults)
 
 
 def _fault(location: Sequence[int | str], message: str) -> Fault:
-    parts = list(location)
+    """Return an error's place as field, row and column: the names in it and its first numbers."""
+    parts = [part if isinstance(part, int) else part[:_NAME_LENGTH] for part in location]
     numbers = [part for part in parts if isinstance(part, int)]
-    parts = [part if isinstance(part, int) else part[:100] for part in parts]
-    names = [str(part) for part in parts if not isinstance(part, int)]
+    names = [part for part in parts if isinstance(part, str)]
     row, column = [*numbers, None, None][:2]
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
     detail = f"{place.lstrip('.')}: {message}" if parts else message

@@ -183,12 +183,14 @@ def integers_from_json(name: str, value: Raw) -> NDArray[np.int64]:
 @lru_cache(64)
 def _rows_decoder(width: int) -> Decoder[list[tuple[float, ...]]]:
     """Return the decoder of a list of rows, each of exactly so many numbers."""
-    return Decoder(list[tuple[(float,) * width]])
+    row: Any = tuple[(float,) * width]
+    return Decoder(list[row])
 
 
 @lru_cache(64)
 def _row_decoder(width: int) -> Decoder[tuple[float, ...]]:
-    return Decoder(tuple[(float,) * width])
+    row: Any = tuple[(float,) * width]
+    return Decoder(row)
 
 
 def _explain_matrix(name: str, value: Raw, width: int, most_rows: int, error: Exception) -> Problem:

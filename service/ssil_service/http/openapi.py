@@ -1,4 +1,4 @@
-"""The OpenAPI document: bulk bodies and answers, and every error, which FastAPI does not know."""
+"""The OpenAPI document: FastAPI's, with tables as bodies and answers and with every error."""
 
 from __future__ import annotations
 
@@ -52,7 +52,20 @@ _TAGGED = {"ETag": {"description": "For `If-None-Match`.", "schema": {"type": "s
 
 
 def problems(*statuses: int, tagged: bool = False) -> dict[int | str, dict[str, Any]]:
-    """Return the errors that a route may answer with, and 304 for a route that gives ETags."""
+    """Return the errors that a route may answer with.
+
+    Parameters
+    ----------
+    *statuses
+        Statuses beside those that every route may answer with.
+    tagged
+        Whether the route gives ETags, and so may answer 304.
+
+    Returns
+    -------
+    dict
+        For `responses`.
+    """
     found: dict[int | str, dict[str, Any]] = {
         status: {
             "description": HTTPStatus(status).phrase,
@@ -65,7 +78,20 @@ def problems(*statuses: int, tagged: bool = False) -> dict[int | str, dict[str, 
 
 
 def bulk(*models: type[BaseModel], paged: bool = False) -> dict[str, Any]:
-    """Return the answer of a bulk route: JSON columns, or the same as Arrow or Parquet."""
+    """Return the answer of a route that sends a table: JSON columns, Arrow or Parquet.
+
+    Parameters
+    ----------
+    *models
+        The JSON form; any one of several.
+    paged
+        Whether the answer has pages.
+
+    Returns
+    -------
+    dict
+        For one status of `responses`.
+    """
     content: dict[str, Any] = {JSON: {"schema": _any_of(*models)}}
     content |= {ARROW: {"schema": _BINARY}, PARQUET: {"schema": _BINARY}}
     headers = {**_TAGGED, **_PAGED} if paged else {}
@@ -73,24 +99,57 @@ def bulk(*models: type[BaseModel], paged: bool = False) -> dict[str, Any]:
 
 
 def bulk_body(*models: type[BaseModel]) -> dict[str, Any]:
-    """Return the body of a question: JSON, Arrow or Parquet."""
+    """Return the body of a query: JSON, Arrow or Parquet.
+
+    Parameters
+    ----------
+    *models
+        The JSON form; any one of several.
+
+    Returns
+    -------
+    dict
+        For `openapi_extra`.
+    """
     return _body({JSON: _any_of(*models), ARROW: _BINARY, PARQUET: _BINARY})
 
 
 def json_body(*models: type[BaseModel]) -> dict[str, Any]:
-    """Return a body that is JSON only."""
+    """Return a body that is JSON only.
+
+    Parameters
+    ----------
+    *models
+        The JSON form; any one of several.
+
+    Returns
+    -------
+    dict
+        For `openapi_extra`.
+    """
     return _body({JSON: _any_of(*models)})
 
 
 def events(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the answer that is a stream of events whose data are a model as JSON."""
+    """Return the answer that is a stream of server-sent events.
+
+    Parameters
+    ----------
+    model
+        The JSON form of an event's data.
+
+    Returns
+    -------
+    dict
+        For one status of `responses`.
+    """
     known = {"event": {"type": "string"}, "data": {"type": "string"}}
     schema = {"type": "object", "properties": known, "description": f"data: a {model.__name__}"}
     return {"description": "Events", "content": {"text/event-stream": {"schema": schema}}}
 
 
 def upload_body() -> dict[str, Any]:
-    """Return the body of an upload."""
+    """Return the body of an upload: Arrow or Parquet."""
     return _body({ARROW: _BINARY, PARQUET: _BINARY})
 
 
@@ -125,6 +184,7 @@ def build_document(app: FastAPI, settings: Settings, *, local_only: bool) -> dic
         known = document.setdefault("components", {}).setdefault("schemas", {})
         known |= components["$defs"]
         _forget_null(document)
+        _shorten_descriptions(document)
         _add_middleware_answers(document, foreign=local_only)
         for unused in ("HTTPValidationError", "ValidationError"):
             known.pop(unused, None)
@@ -133,10 +193,10 @@ def build_document(app: FastAPI, settings: Settings, *, local_only: bool) -> dic
 
 
 def _add_middleware_answers(document: dict[str, Any], *, foreign: bool) -> None:
-    """Add what every route may answer with, as it is said before any is asked.
+    """Add the errors of the middleware, which answers before any route.
 
-    413 for a length that is told; without keys, 403 for a foreign Origin of what is no reading; 507
-    where something may be written.
+    413 for a body whose announced length is too large; without keys, 403 for a change from a
+    foreign origin; 507 where something may be written and the disk is full.
     """
     for path in document["paths"].values():
         for method, operation in path.items():
@@ -146,7 +206,7 @@ def _add_middleware_answers(document: dict[str, Any], *, foreign: bool) -> None:
 
 
 def _forget_null(document: dict[str, Any]) -> None:
-    """Take null from the parameters: one that is not given is absent, not "null"."""
+    """Remove null from the types of parameters: one that is not given is absent, not "null"."""
     operations = [each for path in document["paths"].values() for each in path.values()]
     for operation in operations:
         for parameter in operation.get("parameters", []):
@@ -155,8 +215,29 @@ def _forget_null(document: dict[str, Any]) -> None:
             schema |= kinds[0] if kinds else {}
 
 
+def _shorten_descriptions(document: dict[str, Any]) -> None:
+    """End each description before the section on the Python function's parameters."""
+    for path in document["paths"].values():
+        for operation in path.values():
+            text = operation.get("description", "")
+            operation["description"] = text.partition("\n\nParameters\n")[0]
+
+
 def allowed_methods(app: FastAPI, path: str) -> list[str]:
-    """Return the methods of all routes of a path."""
+    """Return the methods that a path answers.
+
+    Parameters
+    ----------
+    app
+        The application.
+    path
+        Path of a request.
+
+    Returns
+    -------
+    list of str
+        In alphabetical order; empty for an unknown path.
+    """
     found = {kind for pattern, kinds in _patterns(app) if pattern.match(path) for kind in kinds}
     follows = RouteKind.of("GET", path).event_stream
     return sorted(found | ({"HEAD"} if "GET" in found and not follows else set()))

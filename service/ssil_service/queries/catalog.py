@@ -1,4 +1,4 @@
-"""The store as the service sees it: newest versions without a restart, and a cache of what was read.
+"""The store as the service sees it: newest versions without a restart, and a cache of its content.
 
 A request looks at the modification times of a dataset's two log folders, and reads the dataset anew
 only if they have changed.

@@ -47,7 +47,18 @@ _PROBLEMS = problems(404, 406, 422, tagged=True)
     dependencies=[NO_PARAMETERS],
 )
 async def datasets(request: Request) -> Response:
-    """List the newest version of every dataset."""
+    """List the newest version of every dataset.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        The datasets that can be read.
+    """
     negotiate(request, (JSON,))
     catalog = context(request).catalog
     found = []
@@ -55,7 +66,7 @@ async def datasets(request: Request) -> Response:
         try:
             found.append(summary(await catalog.snapshot(name)))
         except SsilDataError:
-            continue  # deleted since, or damaged: `ssil-data validate` tells
+            continue  # deleted meanwhile, or damaged: `ssil-data validate` names the files
     tag = tag_of(found)
     return not_modified(request, tag) or _json({"datasets": found}, tag)
 
@@ -64,7 +75,22 @@ async def datasets(request: Request) -> Response:
 async def dataset(
     request: Request, dataset: DatasetName, parameters: Annotated[VersionParameters, Query()]
 ) -> Response:
-    """Show a dataset's newest version, or another."""
+    """Show a dataset's newest version, or another.
+
+    Parameters
+    ----------
+    request
+        The request.
+    dataset
+        Name of the dataset.
+    parameters
+        The query parameters.
+
+    Returns
+    -------
+    Response
+        Its summary.
+    """
     negotiate(request, (JSON,))
     found = summary(await context(request).catalog.snapshot(dataset, parameters.version))
     tag = tag_of(found)
@@ -78,7 +104,20 @@ async def dataset(
     dependencies=[NO_PARAMETERS],
 )
 async def versions(request: Request, dataset: DatasetName) -> Response:
-    """List the fingerprints of a dataset's versions, the newest last."""
+    """List the fingerprints of a dataset's versions, the newest last.
+
+    Parameters
+    ----------
+    request
+        The request.
+    dataset
+        Name of the dataset.
+
+    Returns
+    -------
+    Response
+        The fingerprints.
+    """
     negotiate(request, (JSON,))
     catalog = context(request).catalog
     snapshot = await catalog.snapshot(dataset)
@@ -94,7 +133,20 @@ async def versions(request: Request, dataset: DatasetName) -> Response:
     dependencies=[NO_PARAMETERS],
 )
 async def card(request: Request, dataset: DatasetName) -> Response:
-    """Read a dataset's card, Markdown."""
+    """Read a dataset's card, Markdown.
+
+    Parameters
+    ----------
+    request
+        The request.
+    dataset
+        Name of the dataset.
+
+    Returns
+    -------
+    Response
+        The card.
+    """
     media = negotiate(request, ("text/markdown",))
     catalog = context(request).catalog
     snapshot = await catalog.snapshot(dataset)
@@ -110,7 +162,22 @@ async def card(request: Request, dataset: DatasetName) -> Response:
 async def episodes(
     request: Request, dataset: DatasetName, parameters: Annotated[PageParameters, Query()]
 ) -> Response:
-    """Read the episodes: number, length, labeled, source, score, tier, ending."""
+    """Read the episodes: number, length, labeled, source, score, tier, ending.
+
+    Parameters
+    ----------
+    request
+        The request.
+    dataset
+        Name of the dataset.
+    parameters
+        The query parameters.
+
+    Returns
+    -------
+    Response
+        One page of them.
+    """
     media = negotiate(request)
     snapshot = await context(request).catalog.snapshot(dataset, parameters.version)
     tag = tag_of(dataset, snapshot.version, media, parameters.offset, parameters.limit)
@@ -120,8 +187,9 @@ async def episodes(
     table = snapshot.dataset.episodes
     rows = page_rows(request, media, len(table), parameters, width=table.num_columns)
     part = table.slice(rows.start, rows.stop - rows.start)
+    about = {"version": snapshot.version}
     return await page_response(
-        request, media, part, rows, len(table), tag, version=snapshot.version
+        request, part, media, rows=rows, total=len(table), tag=tag, about=about
     )
 
 
@@ -132,7 +200,22 @@ async def episodes(
 async def pairs(
     request: Request, dataset: DatasetName, parameters: Annotated[PairsParameters, Query()]
 ) -> Response:
-    """Read the pairs in order: episode, step, state, action."""
+    """Read the pairs in order: episode, step, state, action.
+
+    Parameters
+    ----------
+    request
+        The request.
+    dataset
+        Name of the dataset.
+    parameters
+        The query parameters.
+
+    Returns
+    -------
+    Response
+        One page of them.
+    """
     media = negotiate(request)
     here = context(request)
     snapshot = await here.catalog.snapshot(dataset, parameters.version)
@@ -158,13 +241,25 @@ async def pairs(
         values = await here.catalog.read(snapshot, lambda dataset: dataset.read_recorded(recorded))
         place = {"episode": whole.episode[taken], "step": whole.step[taken]}
         part = pa.table({**place, recorded: _column(values, taken)})
+    about = {"version": snapshot.version}
     return await page_response(
-        request, media, part, rows, len(chosen), tag, version=snapshot.version
+        request, part, media, rows=rows, total=len(chosen), tag=tag, about=about
     )
 
 
 def summary(snapshot: Snapshot) -> dict[str, Any]:
-    """Describe one version of a dataset."""
+    """Describe one version of a dataset.
+
+    Parameters
+    ----------
+    snapshot
+        The version.
+
+    Returns
+    -------
+    dict
+        The fields of `DatasetSummary`.
+    """
     return dict(summarize(snapshot.dataset, snapshot.runs))
 
 
@@ -173,7 +268,7 @@ def _json(value: Any, tag: str) -> Response:
 
 
 def _choose_rows(snapshot: Snapshot, episode: int | None, labeled: bool) -> Any:
-    """Return the rows of the pairs that were asked for."""
+    """Return the rows of the pairs that a query selects."""
     table = snapshot.dataset.episodes
     keep = np.ones(len(table), bool)
     if episode is not None:

@@ -10,7 +10,7 @@ from starlette.responses import FileResponse, Response
 
 router = APIRouter(include_in_schema=False)
 
-_FOLDER = FilePath(__file__).parent / "swagger_ui"
+FOLDER = FilePath(__file__).parent / "swagger_ui"
 _MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -29,11 +29,22 @@ async def page() -> Response:
 
 @router.get("/docs/{asset}")
 async def asset(asset: Asset) -> Response:
-    """Return a script or a style sheet of the page."""
+    """Return a script or a style sheet of the page.
+
+    Parameters
+    ----------
+    asset
+        Name of the file.
+
+    Returns
+    -------
+    Response
+        The file.
+    """
     return _file(asset)
 
 
 def _file(name: str) -> Response:
-    path = _FOLDER / name
+    path = FOLDER / name
     headers = {"Content-Security-Policy": _POLICY}
     return FileResponse(path, media_type=_MEDIA[path.suffix], headers=headers)

@@ -1,4 +1,4 @@
-"""Whether the service lives, whether it is ready, its metrics, and what it takes at most."""
+"""Health checks, metrics and limits."""
 
 from __future__ import annotations
 
@@ -22,28 +22,50 @@ router = APIRouter(tags=["operation"], dependencies=[NO_PARAMETERS])
 
 @open_router.get("/healthz", response_model=Health, responses=problems())
 async def alive() -> Response:
-    """Tell that the process lives."""
+    """Tell that the process is alive."""
     return JSONResponse({"status": "ok"})
 
 
 @open_router.get("/readyz", response_model=Health, responses=problems())
 async def ready(request: Request) -> Response:
-    """Tell that questions are answered: 503 while shutting down, or without a store."""
+    """Tell that queries are answered: 503 while shutting down, or without a store.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        Status ok.
+    """
     await refuse_unready(request)
     return JSONResponse({"status": "ok"})
 
 
 async def refuse_unready(request: Request) -> None:
-    """Raise a Problem with 503 if no question could be answered."""
+    """Refuse if no query could be answered.
+
+    Parameters
+    ----------
+    request
+        Any request.
+
+    Raises
+    ------
+    Problem
+        503 while the service shuts down, or if its store cannot be read.
+    """
     here = context(request)
     if here.closing:
-        raise busy(503, "service: expected it ready, found it shutting down", 1)
-    if not await asyncio.to_thread(_stands, here):
-        raise busy(503, "service: expected it ready, found no readable store", 1)
+        raise busy(503, "The service is shutting down; retry after 1 s", 1)
+    if not await asyncio.to_thread(_has_store, here):
+        raise busy(503, "The store cannot be read; retry after 1 s", 1)
 
 
-def _stands(here: Context) -> bool:
-    """Tell whether the store is where it was, and readable; one moved away is not an empty one."""
+def _has_store(here: Context) -> bool:
+    """Tell whether the store is readable; if its folder has been moved away, it is not empty."""
     return (here.store_folder is None or here.store_folder.is_dir()) and here.catalog.ready()
 
 
@@ -53,7 +75,18 @@ def _stands(here: Context) -> bool:
     responses={**problems(), 200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(request: Request) -> Response:
-    """Tell what Prometheus asks: latency by route, rows, queue, cache, jobs."""
+    """Prometheus metrics: latency by route, rows, queue, cache, jobs.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        Prometheus's text format.
+    """
     here = context(request)
     here.metrics.record_jobs(await asyncio.to_thread(here.jobs.counts))
     return Response(here.metrics.text(), media_type=CONTENT_TYPE)
@@ -61,7 +94,18 @@ async def metrics(request: Request) -> Response:
 
 @router.get("/v1/limits", response_model=Limits, responses=problems())
 async def limits(request: Request) -> Response:
-    """Tell what the service takes at most."""
+    """List the limits of the service.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        The limits by name.
+    """
     settings = context(request).settings
     known = {
         name: getattr(settings, name) for name in Limits.model_fields if hasattr(settings, name)

@@ -1,8 +1,8 @@
 """The Open Inference Protocol, version 2: fitted estimators and fields as models.
 
-`<dataset>.<run>` gives the uncertainty and leverage of pairs; `<dataset>.<run>.lcor` and
-`….cor` answer for states. A model's version is that of the dataset that its run was made from:
-one that is named is answered however the dataset has grown since.
+`<dataset>.<run>` gives the uncertainty and leverage of pairs, `<dataset>.<run>.lcor` and `….cor`
+LCoR and CoR of states. A model's version is the version of the dataset that its run was made from;
+a model whose version is named answers however much the dataset has grown since.
 """
 
 from __future__ import annotations
@@ -54,20 +54,53 @@ HeaderLength = Annotated[
 
 @open_router.get("/health/live", response_model=Ready, responses=problems())
 async def live(request: Request) -> Response:
-    """Tell that the process lives."""
+    """Tell that the process is alive.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        Live.
+    """
     return _json({"live": True})
 
 
 @open_router.get("/health/ready", response_model=Ready, responses=problems())
 async def ready(request: Request) -> Response:
-    """Tell that models answer."""
+    """Tell that models answer.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        Ready.
+    """
     await refuse_unready(request)
     return _json({"ready": True})
 
 
 @router.get("", response_model=ServerMetadata, responses=problems())
 async def server(request: Request) -> Response:
-    """Tell what the server is."""
+    """Describe the server.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        Name, version and extensions.
+    """
     extensions = ["binary_tensor_data"]
     return _json({"name": "ssil-data", "version": version("ssil-data"), "extensions": extensions})
 
@@ -81,7 +114,22 @@ async def server(request: Request) -> Response:
 async def metadata(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
-    """Tell what a model takes and gives."""
+    """Describe the inputs and outputs of a model.
+
+    Parameters
+    ----------
+    request
+        The request.
+    model
+        Name of the model.
+    version
+        Fingerprint of the dataset's version that its run was made from; None for any.
+
+    Returns
+    -------
+    Response
+        Its metadata.
+    """
     found = await find_model(context(request).catalog, model, version)
     widths = found.snapshot.widths
     inputs = [("states", "FP32", widths[0])]
@@ -111,7 +159,22 @@ async def metadata(
 async def model_ready(
     request: Request, model: ModelName, version: ModelVersion | None = None
 ) -> Response:
-    """Tell that a model answers."""
+    """Tell that a model answers.
+
+    Parameters
+    ----------
+    request
+        The request.
+    model
+        Name of the model.
+    version
+        Fingerprint of the dataset's version that its run was made from; None for any.
+
+    Returns
+    -------
+    Response
+        Ready.
+    """
     await find_model(context(request).catalog, model, version)
     return _json({"name": model, "ready": True})
 
@@ -131,7 +194,24 @@ async def infer(
     version: ModelVersion | None = None,
     length: HeaderLength = None,
 ) -> Response:
-    """Ask a model; tensors are JSON, or binary after the JSON (the protocol's extension)."""
+    """Query a model; tensors are JSON, or binary after the JSON (the protocol's extension).
+
+    Parameters
+    ----------
+    request
+        The request.
+    model
+        Name of the model.
+    version
+        Fingerprint of the dataset's version that its run was made from; None for any.
+    length
+        Length of the JSON if binary tensors follow it.
+
+    Returns
+    -------
+    Response
+        The outputs.
+    """
     offered = (JSON, "application/octet-stream") if length is not None else (JSON,)
     media_type(request, offered, unnamed=JSON)  # as Triton's own client sends it
     here = context(request)
@@ -142,16 +222,13 @@ async def infer(
     )
     unknown = {output.name for output in query.outputs} - set(_OUTPUTS[found.kind])
     if unknown:
-        raise Problem(
-            422, f"outputs: expected some of {sorted(_OUTPUTS[found.kind])}, found others"
-        )
+        known = ", ".join(sorted(_OUTPUTS[found.kind]))
+        raise Problem(422, f"outputs: this model has {known} and no others")
     outputs = await _outputs(here, found, inputs)
     here.metrics.record_rows("infer", len(next(iter(outputs.values()))))
     about = {"model_name": model, "model_version": found.version, "id": query.id}
     size = sum(values.nbytes for values in outputs.values())
-    answer, header = await here.convert(
-        size, lambda: tensors.write(query, about, outputs), JSON
-    )
+    answer, header = await here.convert(size, lambda: tensors.write(query, about, outputs), JSON)
     if header is None:
         return Response(answer, media_type=JSON)
     return Response(
@@ -163,7 +240,7 @@ async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -
     known = ("states",) if model.kind else ("states", "actions", "episode")
     missing = {"states"} | ({"actions"} if not model.kind else set())
     if not missing <= set(inputs) <= set(known):
-        raise Problem(422, f"inputs: expected {', '.join(known)}, found others")
+        raise Problem(422, f"inputs: this model takes {', '.join(known)}, all but episode needed")
     states = _rows(inputs, "states", model.snapshot.widths[0])
     most = here.settings.query_rows
     if len(states) > most:
@@ -184,7 +261,7 @@ async def _score(
     actions = _rows(inputs, "actions", model.snapshot.widths[1])
     episode = inputs.get("episode", np.zeros(len(states), np.int64))
     if episode.dtype != np.int64 or episode.ndim != 1:
-        raise Problem(422, "episode: expected INT64 of one dimension, found another tensor")
+        raise Problem(422, "episode: the tensor must be INT64 of one dimension")
     pairs = Pairs(states, actions, episode, number_steps(episode))
     estimator = await here.catalog.model(model.snapshot, model.run)
     scored = await here.compute(SCORE_COST * len(pairs), lambda: estimator(pairs))

@@ -28,14 +28,38 @@ _LOOK, _SIGN_OF_LIFE = 0.1, 100
 
 @router.get("", response_model=Jobs, responses=problems(406))
 async def jobs(request: Request) -> Response:
-    """List the jobs of all servers of the store, the newest first."""
+    """List the jobs of all servers of the store, the newest first.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Returns
+    -------
+    Response
+        The jobs.
+    """
     negotiate(request, (JSON,))
     return _json({"jobs": await asyncio.to_thread(context(request).jobs.all)})
 
 
 @router.get("/{job}", response_model=Job, responses=problems(404, 406, 422))
 async def job(request: Request, job: JobId) -> Response:
-    """Show a job."""
+    """Show a job.
+
+    Parameters
+    ----------
+    request
+        The request.
+    job
+        Id of the job.
+
+    Returns
+    -------
+    Response
+        The job as it is now.
+    """
     negotiate(request, (JSON,))
     return _json(await asyncio.to_thread(context(request).jobs.get, job))
 
@@ -46,7 +70,20 @@ async def job(request: Request, job: JobId) -> Response:
     responses={**problems(404, 406, 422), 200: events_of(Job)},
 )
 async def events(request: Request, job: JobId) -> Response:
-    """Follow a job to its end: an event `job` with the whole job at every change."""
+    """Follow a job to its end: an event `job` with the whole job at every change.
+
+    Parameters
+    ----------
+    request
+        The request.
+    job
+        Id of the job.
+
+    Returns
+    -------
+    Response
+        A stream of server-sent events.
+    """
     media = negotiate(request, ("text/event-stream",))
     here = context(request)
     await asyncio.to_thread(here.jobs.get, job)
@@ -55,7 +92,20 @@ async def events(request: Request, job: JobId) -> Response:
 
 @writing.post("/{job}/cancel", response_model=Job, responses=problems(404, 406, 409, 422))
 async def cancel(request: Request, job: JobId) -> Response:
-    """Stop a job; nothing of it is kept. One that has ended stays as it is."""
+    """Stop a job; nothing of it is kept. One that has ended stays as it is.
+
+    Parameters
+    ----------
+    request
+        The request.
+    job
+        Id of the job.
+
+    Returns
+    -------
+    Response
+        The job as it is now.
+    """
     negotiate(request, (JSON,))
     return _json(await asyncio.to_thread(context(request).jobs.cancel, job))
 

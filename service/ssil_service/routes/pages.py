@@ -1,8 +1,9 @@
-"""Pages of bulk answers, and answers that the client has already."""
+"""Pages of long answers, and ETags: answers and versions that the client has already."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from typing import Any
 
 import pyarrow as pa
@@ -15,14 +16,34 @@ from ssil_service.problems import Problem
 from ssil_service.routes.accept import table_response
 from ssil_service.routes.parameters import PageParameters
 
-_CELLS = {JSON: 2**17}
-_CELLS_OF_OTHERS = 2**24
+_JSON_CELLS = 2**17
+_CELLS = 2**24
+"""Numbers that one body may have, as JSON and in the other media types."""
 
 
 def page_rows(
     request: Request, media: str, total: int, parameters: PageParameters, *, width: int
 ) -> slice:
-    """Return the rows of a page: no more than requested, than may be, than a body should hold."""
+    """Choose the rows of a page.
+
+    Parameters
+    ----------
+    request
+        The request.
+    media
+        Media type of the answer.
+    total
+        Rows of all pages.
+    parameters
+        The first row and the number of rows that the client wants.
+    width
+        Numbers in a row.
+
+    Returns
+    -------
+    slice
+        No more rows than the client wants, the settings allow and one body should have.
+    """
     most = context(request).settings.page_rows
     rows = min(parameters.limit or most, most, most_rows(media, width))
     start = min(parameters.offset, total)
@@ -30,14 +51,62 @@ def page_rows(
 
 
 def most_rows(media: str, width: int) -> int:
-    """Return how many rows of so many cells a body should hold."""
-    return max(1, _CELLS.get(media, _CELLS_OF_OTHERS) // max(1, width))
+    """Return how many rows one body should have at most.
+
+    Parameters
+    ----------
+    media
+        Media type of the body.
+    width
+        Numbers in a row.
+
+    Returns
+    -------
+    int
+        At least 1.
+    """
+    return max(1, (_JSON_CELLS if media == JSON else _CELLS) // max(1, width))
 
 
 async def page_response(
-    request: Request, media: str, table: pa.Table, rows: slice, total: int, tag: str, **about: Any
+    request: Request,
+    table: pa.Table,
+    media: str,
+    *,
+    rows: slice,
+    total: int,
+    tag: str,
+    about: Mapping[str, Any],
 ) -> Response:
-    """Return a page, whose rows these are, with how many there are and where the next one is."""
+    """Answer with one page; headers give the total of rows and the next page.
+
+    Parameters
+    ----------
+    request
+        The request.
+    table
+        The rows of the page.
+    media
+        Media type of the answer.
+    rows
+        Which rows of all pages they are.
+    total
+        Rows of all pages.
+    tag
+        ETag of the page.
+    about
+        Facts about the page.
+
+    Returns
+    -------
+    Response
+        With status 200.
+
+    Raises
+    ------
+    Problem
+        503 if too many long JSON answers wait.
+    """
     headers = {"X-Total-Count": str(total), "ETag": tag}
     if rows.stop < total:
         following = request.url.include_query_params(offset=rows.stop)
@@ -47,12 +116,36 @@ async def page_response(
 
 
 def tag_of(*parts: object) -> str:
-    """Return the ETag of what these parts determine."""
+    """Return an ETag.
+
+    Parameters
+    ----------
+    *parts
+        All that the answer depends on.
+
+    Returns
+    -------
+    str
+        Equal for equal parts, in quotes.
+    """
     return f'"{hashlib.sha256(repr(parts).encode()).hexdigest()[:24]}"'
 
 
 def not_modified(request: Request, tag: str) -> Response | None:
-    """Return 304 if the client has what the tag names."""
+    """Answer a client that has the current version already.
+
+    Parameters
+    ----------
+    request
+        Its header `If-None-Match` lists ETags.
+    tag
+        ETag of the current version.
+
+    Returns
+    -------
+    Response or None
+        With status 304, or None if the answer has to be sent.
+    """
     known = _list_header(request, "if-none-match")
     if known == ["*"] or tag in [each.removeprefix("W/") for each in known]:
         return Response(status_code=304, headers={"ETag": tag})
@@ -60,13 +153,25 @@ def not_modified(request: Request, tag: str) -> Response | None:
 
 
 def refuse_unmatched(request: Request, tag: str | None) -> None:
-    """Raise a Problem with 412 if the change is meant for what has another tag, or for anything.
+    """Refuse a change that is meant for another version.
 
-    None is the tag of what is not there (RFC 9110, 13.1.1).
+    Parameters
+    ----------
+    request
+        Its header `If-Match` may list ETags of versions (RFC 9110, section 13.1.1).
+    tag
+        ETag of the current version; None if there is nothing yet, which matches no header.
+
+    Raises
+    ------
+    Problem
+        With status 412.
     """
     known = _list_header(request, "if-match")
     if known and (tag is None or (known != ["*"] and tag not in known)):
-        raise Problem(412, "If-Match: expected the newest version's ETag, found another")
+        raise Problem(
+            412, "If-Match: the newest version has another ETag; read it and decide again"
+        )
 
 
 def _list_header(request: Request, name: str) -> list[str]:

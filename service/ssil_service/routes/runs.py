@@ -84,7 +84,9 @@ async def leverage(
     rows = page_rows(request, media, len(table), parameters, width=table.num_columns)
     part = table.slice(rows.start, rows.stop - rows.start)
     about = {"run": run, "version": snapshot.version}
-    return await page_response(request, media, part, rows, len(table), tag, **about)
+    return await page_response(
+        request, part, media, rows=rows, total=len(table), tag=tag, about=about
+    )
 
 
 @writing.post(

@@ -1,4 +1,4 @@
-"""Arrow streams: what their metadata promises is read as Arrow reads it, and any bytes are survived."""
+"""Arrow streams: their metadata is read as Arrow reads it, and any bytes are survived."""
 
 import struct
 

@@ -14,13 +14,13 @@ import pytest
 
 from ssil_data.client.wire import ARROW, JSON
 from ssil_service import embed
+from ssil_service.context import Context
 from ssil_service.formats import inference_tensors as tensors
 from ssil_service.formats.query_bodies import read_states
 from ssil_service.problems import Problem
-from ssil_service.context import Context
 from ssil_service.queries.admission import BoundedExecutor
-from ssil_service.settings import Settings
 from ssil_service.routes.pages import most_rows
+from ssil_service.settings import Settings
 
 LCOR = "v1/datasets/drives/runs/vae/lcor"
 INFER = "v2/models/drives.vae.lcor/infer"

@@ -160,7 +160,7 @@ def test_a_name_with_two_meanings_is_refused_unless_its_version_tells_which(
     ):
         answer = http.get(f"v2/models/{name}")
         assert answer.status_code == 409
-        assert answer.json()["error"].endswith(f"found {meanings}")
+        assert answer.json()["error"] == f"model: the name may mean {meanings}; name a version"
     for dataset in (one, other):
         path = f"v2/models/a.b.c/versions/{dataset.version}"
         assert http.get(path).json()["versions"] == [dataset.version]
