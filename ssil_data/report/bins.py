@@ -1,4 +1,4 @@
-"""Leverage of many pairs as few numbers: histograms, strips over time, cells of a map."""
+"""Leverage of many pairs as few numbers, for charts: histograms, strips over time, map cells."""
 
 from __future__ import annotations
 
@@ -10,27 +10,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 Rows = list[dict[str, Any]]
-"""A chart's data; arrays in a row are flattened by the chart. Leverage is in whole percent."""
+"""Data of a chart, row by row; the chart flattens arrays. Leverage is in whole percent."""
 
 BINS = 20
 CELLS = 20_000
-"""About as many cells a chart may have, so that a page stays small and quick."""
+"""Cells that a chart may have, so that the page stays small and quick."""
 
 
-def percent(leverage: NDArray[np.floating]) -> list[int]:
-    """Return leverage in [0, 1] as whole percent."""
+def to_percent(leverage: NDArray[np.floating]) -> list[int]:
+    """Return leverage as whole percent.
+
+    Parameters
+    ----------
+    leverage
+        Leverages (n,) in [0, 1].
+    """
     return np.rint(np.asarray(leverage, np.float64) * 100).astype(int).tolist()
 
 
 def histogram(leverage: NDArray[np.float32]) -> list[float]:
-    """Return the share of values in each of `BINS` equal parts of [0, 1], in percent."""
+    """Return the share of values in each of `BINS` equal parts of [0, 1], in percent.
+
+    Parameters
+    ----------
+    leverage
+        Leverages (n,) in [0, 1].
+    """
     counts, _ = np.histogram(leverage, BINS, (0, 1))
     return (100 * counts / max(1, len(leverage))).round(2).tolist()
 
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """Episodes as rows of cells; `steps` consecutive steps are a cell, sizes are in pixels."""
+    """Episodes as strips of cells, one below the other.
+
+    A cell is `steps` consecutive steps; there are `columns` of them, `column` pixels wide each. The
+    whole is `height` pixels high.
+    """
 
     rows: Rows
     labels: Rows
@@ -40,15 +56,24 @@ class Strips:
     height: int
 
 
-def strips(
+def lay_out_strips(
     lengths: NDArray[np.int64],
     groups: Sequence[NDArray[np.int64]],
     names: Sequence[str],
     leverage: Mapping[str, NDArray[np.float32]],
 ) -> Strips:
-    """Lay out the episodes of each group from above, as given, and bin their leverage.
+    """Lay out episodes as strips, group below group, and average their leverage over cells.
 
-    `lengths` (e,) of all episodes, whose rows follow each other in `leverage` (n,) of each run.
+    Parameters
+    ----------
+    lengths
+        Steps of all episodes, (e,); their pairs follow each other.
+    groups
+        Indices of the episodes to show of each group, from above.
+    names
+        Names of the groups.
+    leverage
+        Leverages of all pairs (n,) of each run.
     """
     first = np.cumsum(lengths) - lengths
     shown = np.concatenate(groups)
@@ -64,7 +89,9 @@ def strips(
         for place, episode in enumerate(members):
             part = slice(first[episode], first[episode] + lengths[episode])
             count = -(-lengths[episode] // steps)
-            means = {run: percent(_means(values[part], steps)) for run, values in leverage.items()}
+            means = {
+                run: to_percent(_means(values[part], steps)) for run, values in leverage.items()
+            }
             y = top + place * thick
             rows.append({"i": int(episode), "y": y, "y2": y + thick, "b": [*range(count)], **means})
         top += max(len(members) * thick, 16) + 8
@@ -84,6 +111,7 @@ def _bin_steps(lengths: NDArray[np.int64]) -> int:
 
 
 def _means(values: NDArray[np.float32], steps: int) -> NDArray[np.float64]:
+    """Return the means over every `steps` values; the last over what is left."""
     edges = np.arange(0, len(values), steps)
     sums = np.add.reduceat(values, edges, dtype=np.float64)
     return sums / np.diff(np.append(edges, len(values)))
@@ -91,7 +119,11 @@ def _means(values: NDArray[np.float32], steps: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A map of square cells, `cell` metres wide, from the corner `origin` (x, y) in metres."""
+    """A map of square cells.
+
+    cell is the width of one and origin the corner (x, y), both in meters; size is the number of
+    cells in x and y. visited are the cells that any group was in, groups those of each group.
+    """
 
     origin: tuple[float, float]
     size: tuple[int, int]
@@ -100,7 +132,7 @@ class Grid:
     groups: Rows
 
 
-def grid(
+def build_grid(
     positions: NDArray[np.float32],
     group: NDArray[np.int64],
     count: int,
@@ -108,9 +140,20 @@ def grid(
     *,
     across: int,
 ) -> Grid:
-    """Average leverage over the cells of a map that is `across` cells at its longer side.
+    """Average leverage over the cells of a map, for each group.
 
-    positions (n, 2) in metres and group (n,), which of `count` groups each pair belongs to.
+    Parameters
+    ----------
+    positions
+        Where each pair was recorded, (n, 2) in meters.
+    group
+        Group of each pair, (n,).
+    count
+        Number of groups.
+    leverage
+        Leverages (n,) of each run.
+    across
+        Cells along the longer side of the map.
     """
     low = positions.min(axis=0).astype(np.float64)
     span = float((positions.max(axis=0) - low).max())
@@ -123,7 +166,7 @@ def grid(
         chosen = group == number
         cells, inverse, pairs = np.unique(place[chosen], return_inverse=True, return_counts=True)
         means = {
-            run: percent(np.bincount(inverse, values[chosen], len(cells)) / pairs)
+            run: to_percent(np.bincount(inverse, values[chosen], len(cells)) / pairs)
             for run, values in leverage.items()
         }
         groups.append({**_corners(cells, height), "pairs": pairs.tolist(), **means})

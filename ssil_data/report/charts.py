@@ -1,6 +1,6 @@
-"""Histograms, timelines and agreement as Vega-Lite specs, which serve page, PNG and web alike.
+"""Histograms, timelines and agreement as Vega-Lite specifications.
 
-Names that users gave to runs, tiers and sources are data, never fields or expressions: runs are
+Names that users gave to runs, tiers and sources are data, never fields or expressions: the runs are
 fields r0, r1, …, and the parameter `run` says which is shown. Leverage is in whole percent.
 """
 
@@ -12,19 +12,29 @@ from math import ceil
 import altair as alt
 
 from ssil_data.report.bins import Rows, Strips
-from ssil_data.report.look import (
+from ssil_data.report.style import (
     WIDTH,
     Spec,
     build_spec,
-    choice,
     leverage_color,
+    run_parameters,
     run_title,
     title,
 )
 
 
-def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
-    """Draw a column for each run, a row for each group; rows: run, group, low, high, share."""
+def draw_histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
+    """Draw histograms of leverage, a column for each run, a row for each group.
+
+    Parameters
+    ----------
+    rows
+        Of each bar: run, group, low, middle and high of the bin in [0, 1], share in percent.
+    runs
+        Names of the runs, in order.
+    groups
+        Names of the groups, in order.
+    """
     across = ceil(len(runs) / ceil(len(runs) / 6))
     width = min(240, (WIDTH - 140) // across - 14)
     parts = [runs[first : first + across] for first in range(0, len(runs), across)]
@@ -68,8 +78,18 @@ def histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> Spec:
     return build_spec(chart, {"histograms": rows})
 
 
-def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
-    """Draw episodes as strips of leverage over time, under the run that is shown."""
+def draw_timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
+    """Draw episodes as strips of leverage over time, under the run that is shown.
+
+    Parameters
+    ----------
+    strips
+        The episodes, laid out.
+    names
+        Names of the runs by key.
+    shown
+        Key of the run that is shown first.
+    """
     width = strips.columns * strips.column
     steps = strips.steps
     y = alt.Scale(domain=[0, strips.height], range=[0, strips.height], nice=False)
@@ -90,7 +110,7 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
                 axis=alt.Axis(grid=False, tickCount=10),
             ),
             x2="end:Q",
-            y=alt.Y("y:Q", title="Group (episodes)", axis=_heading(), scale=y),
+            y=alt.Y("y:Q", title="Group (episodes)", axis=_axis_with_title(), scale=y),
             y2="y2:Q",
             color=leverage_color("leverage:Q"),
             tooltip=[
@@ -111,11 +131,19 @@ def timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
         width=width, height=strips.height, title=run_title("Leverage over time")
     )
     data = {"strips": strips.rows, "labels": strips.labels}
-    return build_spec(chart.add_params(*choice(names, shown)), data)
+    return build_spec(chart.add_params(*run_parameters(names, shown)), data)
 
 
-def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
-    """Draw the rank correlation of each run with each; rows: run, other, correlation."""
+def draw_agreement(rows: Rows, runs: Sequence[str]) -> Spec:
+    """Draw the rank correlations of every two runs.
+
+    Parameters
+    ----------
+    rows
+        Of each cell: run, other, correlation.
+    runs
+        Names of the runs, in order.
+    """
     place = {"scale": alt.Scale(domain=list(runs)), "title": "Run"}
     base = alt.Chart(alt.NamedData("agreement")).encode(
         x=alt.X("run:N", axis=alt.Axis(labelAngle=-30, labelLimit=140), **place),
@@ -138,7 +166,7 @@ def agreement(rows: Rows, runs: Sequence[str]) -> Spec:
     return build_spec(chart, {"agreement": rows})
 
 
-def _heading() -> alt.Axis:
+def _axis_with_title() -> alt.Axis:
     """Return an axis without ticks, whose title stands over the labels beside it."""
     title = {"titleAngle": 0, "titleAlign": "right", "titleX": -8, "titleY": -8}
     return alt.Axis(labels=False, ticks=False, domain=False, grid=False, **title)

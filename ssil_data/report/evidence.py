@@ -1,4 +1,4 @@
-"""What a report is about, read from the store once: runs, leverage and groups of episodes."""
+"""What a report is about, read from the store once: runs, their leverage, groups of episodes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,12 @@ from ssil_data.store.run_record import Run
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
-    """A run and what it said of all n pairs, each (n,); `key` names it inside charts."""
+class ScoredRun:
+    """A run with its values of all n pairs, each (n,).
+
+    key names the run inside charts: r0, r1, … parts are the parts of the uncertainty by name, empty
+    for estimators that have none.
+    """
 
     key: str
     run: Run
@@ -36,16 +40,16 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A dataset's episodes in groups, and its runs, oldest first.
+    """A dataset's runs, oldest first, and its e episodes in groups.
 
-    `chosen` is the run of the best AUROC, or the first where none is known. Groups are the tiers of
-    the unlabeled episodes, worst first, then the labeled episodes; group (e,) is the place in
-    `groups` of each episode.
+    chosen is the run with the best AUROC, or the oldest where none is known. groups are the names
+    of the tiers of the unlabeled episodes, worst first, then "labeled"; group (e,) is the index in
+    it of each episode. lengths (e,) are in steps, labeled (e,) is true for labeled episodes.
     """
 
     dataset: Dataset
-    runs: list[Scored]
-    chosen: Scored
+    runs: list[ScoredRun]
+    chosen: ScoredRun
     groups: list[str]
     group: NDArray[np.int64]
     lengths: NDArray[np.int64]
@@ -53,19 +57,34 @@ class Evidence:
 
     @classmethod
     def of(cls, dataset: Dataset, progress: Progress) -> Evidence:
-        """Read every run of this version of a dataset; raises InvalidInputError without any."""
+        """Read all runs of the current version of a dataset.
+
+        Parameters
+        ----------
+        dataset
+            The dataset.
+        progress
+            Called after each run.
+
+        Raises
+        ------
+        InvalidInputError
+            If there is no run.
+        """
         records = list(dataset.runs)
         if not records:
             raise InvalidInputError(
-                f"runs of {dataset.name}: expected at least one of version {dataset.version}, "
-                f"found none; score it first: ssil-data score {dataset.name} --estimator windowvae"
+                f"runs of {dataset.name}: version {dataset.version} has none; "
+                f"score it first: ssil-data score {dataset.name} --estimator windowvae"
             )
         runs = []
         for number, record in enumerate(records):
             progress("read", number, len(records))
             runs.append(_read_scored(dataset, f"r{number}", record))
         progress("read", len(records), len(records))
-        groups, group = _groups(dataset.episodes, list(runs[0].quality.mean_leverage_by_tier))
+        groups, group = _group_episodes(
+            dataset.episodes, list(runs[0].quality.mean_leverage_by_tier)
+        )
         return cls(
             dataset=dataset,
             runs=runs,
@@ -78,23 +97,34 @@ class Evidence:
 
     @property
     def names(self) -> dict[str, str]:
-        """The names of the runs by their keys."""
+        """The names of the runs, by key."""
         return {run.key: run.name for run in self.runs}
 
     def per_pair(self, values: NDArray) -> NDArray:
-        """Return a value of each episode (e,) for every pair (n,)."""
+        """Repeat a value of each episode for all of its pairs.
+
+        Parameters
+        ----------
+        values
+            Values (e,).
+
+        Returns
+        -------
+        NDArray
+            (n,).
+        """
         return np.repeat(values, self.lengths)
 
     @property
     def leverage(self) -> dict[str, NDArray[np.float32]]:
-        """The leverage of every pair (n,) by the key of the run."""
+        """The leverage of all pairs (n,) under each run, by key."""
         return {run.key: run.leverage for run in self.runs}
 
 
-def _read_scored(dataset: Dataset, key: str, record: Run) -> Scored:
+def _read_scored(dataset: Dataset, key: str, record: Run) -> ScoredRun:
     values = dataset.runs.values(record.name)
     leverage = values["leverage"].to_numpy()
-    return Scored(
+    return ScoredRun(
         key=key,
         run=record,
         uncertainty=values["uncertainty"].to_numpy(),
@@ -104,8 +134,10 @@ def _read_scored(dataset: Dataset, key: str, record: Run) -> Scored:
     )
 
 
-def _groups(episodes: pa.Table, tiers: list[str]) -> tuple[list[str], NDArray[np.int64]]:
-    labeled, tier = episodes["labeled"].to_pylist(), episodes["tier"].to_pylist()
+def _group_episodes(episodes: pa.Table, tiers: list[str]) -> tuple[list[str], NDArray[np.int64]]:
+    """Return the names of the groups, and the group of each episode."""
+    labeled = episodes["labeled"].to_pylist()
+    tier = episodes["tier"].to_pylist()
     unknown = "no tier" if tiers else "unlabeled"
     group = [
         "labeled" if known else unknown if name is None else name

@@ -1,4 +1,4 @@
-"""Segments to look at first: the least trusted with the reason, and the most disputed."""
+"""Segments to look at first: the least trusted, with reasons, and those where runs disagree."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from numpy.typing import NDArray
 
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.reasons import Reason, Reasons
-from ssil_data.report.segments import Windows, correlations, rank_among, windows
-from ssil_data.scoring import LeverageModel, Progress
+from ssil_data.report.segments import Windows, correlate_ranks, cut_windows, rank_among
+from ssil_data.scoring import Progress
 
 SHOWN = 20
+"""Segments in a table."""
 PER_EPISODE = 2
+"""Segments of one episode in a table, at most."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Steps `first` to `last` of an episode, which are `rows` of the pairs."""
+    """Steps `first` to `last` of an episode, both included; `rows` are its rows among all pairs."""
 
     episode: int
     first: int
@@ -29,8 +31,8 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Distrust:
-    """A segment, its mean leverage and uncertainty under a run, and why it is distrusted."""
+class DistrustedSegment:
+    """A segment of low leverage: its mean leverage and uncertainty under a run, and the reason."""
 
     segment: Segment
     leverage: float
@@ -39,23 +41,44 @@ class Distrust:
 
 
 @dataclass(frozen=True)
-class Dispute:
-    """A segment and its standing under each run: the share of unlabeled pairs trusted less."""
+class DisputedSegment:
+    """A segment that runs disagree about.
+
+    standings has, for each run, the share of unlabeled pairs that it trusts less, averaged over the
+    segment.
+    """
 
     segment: Segment
     standings: list[float]
 
 
-def least_trusted(evidence: Evidence, progress: Progress) -> dict[str, list[Distrust]]:
-    """Return the unlabeled segments of the least leverage by the key of the run.
+def find_least_trusted(
+    evidence: Evidence, progress: Progress
+) -> dict[str, list[DistrustedSegment]]:
+    """Find the unlabeled segments with the least mean leverage under each run.
 
-    Of leverage that is equal as shown, to two decimals, the more uncertain first.
+    Leverage is compared as it is shown, to two decimals; of equal ones, the more uncertain segment
+    comes first.
+
+    Parameters
+    ----------
+    evidence
+        The runs.
+    progress
+        Called after each run.
+
+    Returns
+    -------
+    dict
+        The segments by the key of the run, least trusted first.
     """
-    every = windows(evidence.lengths, ~evidence.labeled)
+    every = cut_windows(evidence.lengths, ~evidence.labeled)
     leverage = {run.key: every.means(run.leverage).round(2) for run in evidence.runs}
     uncertainty = {run.key: every.means(run.uncertainty) for run in evidence.runs}
     found = {
-        key: every.least(leverage[key], -uncertainty[key], count=SHOWN, per_episode=PER_EPISODE)
+        key: every.find_least(
+            leverage[key], -uncertainty[key], count=SHOWN, per_episode=PER_EPISODE
+        )
         for key in leverage
     }
     segments = {key: [_segment(evidence, every, at) for at in found[key]] for key in found}
@@ -64,13 +87,13 @@ def least_trusted(evidence: Evidence, progress: Progress) -> dict[str, list[Dist
     answer = {}
     for number, run in enumerate(evidence.runs):
         progress("explain", number, len(evidence.runs))
-        model = LeverageModel.of(evidence.dataset, run.name)
+        model = evidence.dataset.model(run.name)
         answer[run.key] = [
-            Distrust(
+            DistrustedSegment(
                 segment=one,
                 leverage=float(leverage[run.key][at]),
                 uncertainty=float(uncertainty[run.key][at]),
-                reason=reasons(model, run, one.rows, episode=one.episode, first=one.first),
+                reason=reasons.explain(model, run, one.rows, episode=one.episode, first=one.first),
             )
             for at, one in zip(found[run.key], segments[run.key], strict=True)
         ]
@@ -78,20 +101,30 @@ def least_trusted(evidence: Evidence, progress: Progress) -> dict[str, list[Dist
     return answer
 
 
-def disputes(evidence: Evidence) -> tuple[NDArray[np.float64], list[Dispute]]:
-    """Return Spearman's correlation of each of r runs with each, (r, r), and where they differ.
+def find_disputes(evidence: Evidence) -> tuple[NDArray[np.float64], list[DisputedSegment]]:
+    """Compare the runs by how they rank the unlabeled pairs.
 
-    Those segments come first whose standings under two runs lie furthest apart. Over unlabeled
-    pairs.
+    Parameters
+    ----------
+    evidence
+        The r runs.
+
+    Returns
+    -------
+    matrix
+        Spearman's correlation of the leverages of every two runs, (r, r): 1 = ranked alike. NaN for
+        a run that gives all pairs one leverage.
+    disputes
+        The segments whose standings under two runs lie furthest apart, the furthest first.
     """
-    every = windows(evidence.lengths, ~evidence.labeled)
+    every = cut_windows(evidence.lengths, ~evidence.labeled)
     unlabeled = ~evidence.per_pair(evidence.labeled)
     standings = np.stack([rank_among(run.leverage, unlabeled) for run in evidence.runs])
     means = np.stack([every.means(values) for values in standings])
     least = means.min(axis=0)
-    found = every.least(least - means.max(axis=0), least, count=SHOWN, per_episode=PER_EPISODE)
-    return correlations(standings[:, unlabeled]), [
-        Dispute(_segment(evidence, every, at), means[:, at].tolist()) for at in found
+    found = every.find_least(least - means.max(axis=0), least, count=SHOWN, per_episode=PER_EPISODE)
+    return correlate_ranks(standings[:, unlabeled]), [
+        DisputedSegment(_segment(evidence, every, at), means[:, at].tolist()) for at in found
     ]
 
 

@@ -1,4 +1,4 @@
-"""The page: evidence and findings put into charts, tables and prose; everything is escaped."""
+"""The page: charts, tables and prose of a report, put together."""
 
 from __future__ import annotations
 
@@ -8,36 +8,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.report import bins, charts
-from ssil_data.report.evidence import Evidence, Scored
-from ssil_data.report.findings import PER_EPISODE, disputes, least_trusted
-from ssil_data.report.look import Spec
+from ssil_data.report.evidence import Evidence, ScoredRun
+from ssil_data.report.findings import PER_EPISODE, find_disputes, find_least_trusted
+from ssil_data.report.map_chart import draw_map
 from ssil_data.report.rendering import render
 from ssil_data.report.segments import STEPS
-from ssil_data.report.track import track
+from ssil_data.report.style import Spec
 from ssil_data.scoring import Progress
 
 SHOWN_EPISODES = 320
-"""More strips than this are too thin to be read."""
+"""Episodes in the timelines: strips of more would be too thin to read."""
 
 ACROSS = 118
-"""Cells along the longer side of the map: two maps fit beside each other."""
+"""Cells along the longer side of the map, so that two maps fit side by side."""
 
 
-def page(evidence: Evidence, progress: Progress) -> str:
-    """Return the whole page as HTML."""
-    context = _head(evidence) | _timelines(evidence)
-    context["histograms"] = _histograms(evidence)
-    context["map"] = _map(evidence)
-    context["least_trusted"] = least_trusted(evidence, progress)
+def build_page(evidence: Evidence, progress: Progress) -> str:
+    """Return the page as HTML.
+
+    Parameters
+    ----------
+    evidence
+        What the page is about.
+    progress
+        Called after each run that is explained.
+    """
+    context = _describe_dataset(evidence) | _draw_timelines(evidence)
+    context["histograms"] = _draw_histograms(evidence)
+    context["map"] = _draw_map(evidence)
+    context["least_trusted"] = find_least_trusted(evidence, progress)
     context["disputes"] = []
     if len(evidence.runs) > 1 and not evidence.labeled.all():
-        matrix, context["disputes"] = disputes(evidence)
-        context["agreement"] = _agreement(evidence, matrix)
+        matrix, context["disputes"] = find_disputes(evidence)
+        context["agreement"] = _draw_agreement(evidence, matrix)
     return render(context)
 
 
-def _head(evidence: Evidence) -> dict[str, Any]:
-    dataset, table = evidence.dataset, _table(evidence)
+def _describe_dataset(evidence: Evidence) -> dict[str, Any]:
+    """Return what the head of the page and the table of runs say."""
+    dataset = evidence.dataset
+    table = _tabulate_runs(evidence)
     return {
         "dataset": dataset.name,
         "version": dataset.version,
@@ -56,14 +66,14 @@ def _head(evidence: Evidence) -> dict[str, Any]:
         "judged": any(figure["value"] is not None for row in table for figure in row["figures"]),
         "pinned": [run.name for run in evidence.runs if run.run.labeled_is_one],
         "table": table,
-        "reasons": {run.key: _reason(run) for run in evidence.runs},
+        "reasons": {run.key: _describe_reasons(run) for run in evidence.runs},
         "window": STEPS,
         "per_episode": PER_EPISODE,
     }
 
 
-def _table(evidence: Evidence) -> list[dict[str, Any]]:
-    """Return each run's mean leverage by group, and its figures of quality, best ones marked."""
+def _tabulate_runs(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return mean leverage by group and figures of quality of each run; the best are marked."""
     names = ("auroc", "auroc_length_matched", "spearman", "spearman_given_length")
     figures = [[_round(getattr(run.quality, name)) for name in names] for run in evidence.runs]
     best = [
@@ -86,12 +96,12 @@ def _table(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _round(figure: float | None) -> float | None:
-    """Round as it is shown, so that what looks equal is equally good."""
+    """Round to what is shown, so that what looks equal counts as equal."""
     return None if figure is None else round(figure, 3)
 
 
-def _reason(run: Scored) -> str:
-    """Say what the reasons of a run's segments are."""
+def _describe_reasons(run: ScoredRun) -> str:
+    """Return a sentence on what the reasons of a run's segments mean."""
     if not run.parts:
         return (
             "The reason names the state dimensions with the largest shares of the squared "
@@ -107,7 +117,7 @@ def _reason(run: Scored) -> str:
     )
 
 
-def _histograms(evidence: Evidence) -> Spec:
+def _draw_histograms(evidence: Evidence) -> Spec:
     group = evidence.per_pair(evidence.group)
     rows: bins.Rows = [
         {
@@ -122,16 +132,16 @@ def _histograms(evidence: Evidence) -> Spec:
         for number, name in enumerate(evidence.groups)
         for bin, share in enumerate(bins.histogram(run.leverage[group == number]))
     ]
-    return charts.histograms(rows, [run.name for run in evidence.runs], evidence.groups)
+    return charts.draw_histograms(rows, [run.name for run in evidence.runs], evidence.groups)
 
 
-def _timelines(evidence: Evidence) -> dict[str, Any]:
-    """Draw the least trusted episodes under the chosen run, group by group."""
+def _draw_timelines(evidence: Evidence) -> dict[str, Any]:
+    """Draw the episodes of the least mean leverage under the chosen run, group by group."""
     first = np.cumsum(evidence.lengths) - evidence.lengths
     means = np.add.reduceat(evidence.chosen.leverage, first, dtype=np.float64) / evidence.lengths
     order = np.argsort(means, kind="stable")[:SHOWN_EPISODES]
     groups = [order[evidence.group[order] == number] for number in range(len(evidence.groups))]
-    strips = bins.strips(evidence.lengths, groups, evidence.groups, evidence.leverage)
+    strips = bins.lay_out_strips(evidence.lengths, groups, evidence.groups, evidence.leverage)
     table = evidence.dataset.episodes
     for row in strips.rows:
         place = row.pop("i")
@@ -139,27 +149,27 @@ def _timelines(evidence: Evidence) -> dict[str, Any]:
         row["source"] = table["source"][place].as_py()
         row["group"] = evidence.groups[evidence.group[place]]
     return {
-        "timelines": charts.timelines(strips, evidence.names, evidence.chosen.key),
+        "timelines": charts.draw_timelines(strips, evidence.names, evidence.chosen.key),
         "shown": len(order),
         "hidden": len(means) - len(order),
         "steps": strips.steps,
     }
 
 
-def _map(evidence: Evidence) -> dict[str, Any] | None:
+def _draw_map(evidence: Evidence) -> dict[str, Any] | None:
     positions = evidence.dataset.read_recorded("position")
     if positions is None:
         return None
     group = evidence.per_pair(evidence.group)
-    grid = bins.grid(positions, group, len(evidence.groups), evidence.leverage, across=ACROSS)
-    chart = track(grid, evidence.groups, evidence.names, evidence.chosen.key)
+    grid = bins.build_grid(positions, group, len(evidence.groups), evidence.leverage, across=ACROSS)
+    chart = draw_map(grid, evidence.groups, evidence.names, evidence.chosen.key)
     return {"chart": chart, "cell": grid.cell}
 
 
-def _agreement(evidence: Evidence, matrix: NDArray[np.float64]) -> Spec:
+def _draw_agreement(evidence: Evidence, matrix: NDArray[np.float64]) -> Spec:
     names = [run.name for run in evidence.runs]
     rows: bins.Rows = [
         {"run": names[i], "other": names[j], "correlation": round(float(matrix[i, j]), 3)}
         for i, j in np.argwhere(np.isfinite(matrix))
     ]
-    return charts.agreement(rows, names)
+    return charts.draw_agreement(rows, names)

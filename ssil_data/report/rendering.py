@@ -1,4 +1,4 @@
-"""A template made into a page: everything is escaped, scripts and style are part of it."""
+"""Filling a page's template: everything is escaped, scripts and styles become part of the page."""
 
 from __future__ import annotations
 
@@ -23,9 +23,16 @@ def render(
     folder: Path = HERE,
     filters: Mapping[str, Callable[..., str]] = MappingProxyType({}),
 ) -> str:
-    """Fill in a folder's `page.html.j2`, with its `page.js`; its `page.css` adds to the report's.
+    """Return the page of a folder's template `page.html.j2`, with its `page.js`.
 
-    `filters` are added to the report's, or replace them.
+    Parameters
+    ----------
+    context
+        Values of the template.
+    folder
+        Folder of the template; its `page.css` is added to the report's.
+    filters
+        More filters of the template, which may replace the report's.
     """
     environment = Environment(
         loader=FileSystemLoader(folder),
@@ -53,7 +60,7 @@ def render(
 
 @cache
 def _bundle() -> str:
-    """Return Vega, Vega-Lite and Vega-Embed of the version that the specs are written in."""
+    """Return Vega, Vega-Lite and Vega-Embed, of the version that the charts are written for."""
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
     bundle = vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=version)
     return bundle.replace("</script", "<\\/script")
@@ -68,5 +75,6 @@ def _percent(share: float) -> str:
 
 
 def _short(value: float) -> str:
+    """Return a number to three digits."""
     text = f"{value:,.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:#.3g}".rstrip(".")
     return text.replace("-", MINUS)

@@ -1,4 +1,4 @@
-"""Windows of consecutive steps, and which of them stand out; knows arrays only."""
+"""Windows of consecutive steps, which of them stand out, and ranks; arrays only."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEPS = 20
-"""Consecutive steps in a window; a shorter episode is one window."""
+"""Steps in a window; a shorter episode is one window."""
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """All windows that lie within one of the chosen episodes, in order.
+    """All m windows that lie within one episode, in order.
 
-    episode (m,) is the place of the episode, start (m,) and stop (m,) are rows of the pairs.
+    episode (m,) is the index of the episode; the window's rows among all pairs go from start (m,)
+    to stop (m,), the latter not included.
     """
 
     episode: NDArray[np.int64]
@@ -27,12 +28,23 @@ class Windows:
         return len(self.start)
 
     def means(self, values: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the mean of `values` (n,) over each window, (m,)."""
+        """Return means over the windows.
+
+        Parameters
+        ----------
+        values
+            One value per pair, (n,).
+
+        Returns
+        -------
+        NDArray
+            (m,), rounded to 9 decimals so that equal windows compare equal.
+        """
         sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
         means = (sums[self.stop] - sums[self.start]) / (self.stop - self.start)
         return np.round(means, 9)
 
-    def least(
+    def find_least(
         self,
         measure: NDArray[np.floating],
         ties: NDArray[np.floating],
@@ -40,10 +52,23 @@ class Windows:
         count: int,
         per_episode: int,
     ) -> NDArray[np.int64]:
-        """Return up to `count` windows of the least `measure` (m,), least first.
+        """Find the windows of the least measure, of which none overlaps another.
 
-        None overlaps another and no episode has more than `per_episode`. Equal measures are
-        ordered by `ties` (m,), then by place.
+        Parameters
+        ----------
+        measure
+            One value per window, (m,).
+        ties
+            Orders windows of equal measure, (m,); after that, the earlier window comes first.
+        count
+            Windows to return, at most.
+        per_episode
+            Windows of one episode, at most.
+
+        Returns
+        -------
+        NDArray
+            Indices of windows, least measure first.
         """
         if not len(self):
             return np.zeros(0, np.int64)
@@ -54,6 +79,7 @@ class Windows:
         sizes = np.diff(np.append(first, len(self)))
         chosen: list[NDArray[np.int64]] = []
         for _ in range(per_episode):
+            # the best window of each episode; then what overlaps it is out
             best = np.minimum.reduceat(place, first)
             free = best < len(self)
             chosen.append(best[free])
@@ -63,10 +89,20 @@ class Windows:
         return order[np.sort(np.concatenate(chosen))[:count]]
 
 
-def windows(
+def cut_windows(
     lengths: NDArray[np.int64], eligible: NDArray[np.bool_], *, steps: int = STEPS
 ) -> Windows:
-    """Return the windows of `steps` pairs of episodes (e,) whose rows follow each other."""
+    """Return all windows of some episodes.
+
+    Parameters
+    ----------
+    lengths
+        Steps of each episode, (e,); their rows follow each other.
+    eligible
+        Which episodes to cut, (e,).
+    steps
+        Steps in a window; a shorter episode is one window.
+    """
     first = np.cumsum(lengths) - lengths
     width = np.minimum(lengths, steps)
     counts = np.where(eligible, lengths - width + 1, 0)
@@ -77,21 +113,40 @@ def windows(
 
 
 def rank_among(values: NDArray[np.floating], among: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the share of the pairs `among` (n,) whose value is smaller, ties half, for all (n,).
+    """Return the share of some pairs whose value is smaller, ties counting half.
 
-    Standings of runs with different scales can be compared, and their correlation is Spearman's.
+    Such standings make runs with different scales comparable; the correlation of the standings of
+    those pairs is Spearman's.
+
+    Parameters
+    ----------
+    values
+        One value per pair, (n,).
+    among
+        The pairs to compare with, (n,).
+
+    Returns
+    -------
+    NDArray
+        Standings of all pairs, (n,) in [0, 1].
     """
     pool = np.sort(values[among])
     below, upto = (np.searchsorted(pool, values, side=side) for side in ("left", "right"))
     return (below + upto) / (2 * max(1, len(pool)))
 
 
-def correlations(standings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlation of each of r rows of standings (r, n) with each, (r, r).
+def correlate_ranks(standings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Spearman's correlation of every two runs: 1 = they rank the pairs alike.
 
-    NaN where a row is constant: it ranks nothing.
+    Parameters
+    ----------
+    standings
+        Of each of r runs, as `rank_among` gives them of the pairs that they are among, (r, n).
+
+    Returns
+    -------
+    NDArray
+        (r, r), NaN for a run that is constant: it ranks nothing.
     """
-    spread = standings - standings.mean(axis=1, keepdims=True)
-    norm = np.linalg.norm(spread, axis=1)
-    known = np.where(norm > 0, norm, np.nan)
-    return (spread @ spread.T) / np.outer(known, known)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.atleast_2d(np.corrcoef(standings))

@@ -1,86 +1,9 @@
-"""Segments that were planted are found, none overlap, and bins lose nothing."""
+"""Bins lose no pair: histograms, strips and map cells have the means of what is in them."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from ssil_data.quality import spearman
-from ssil_data.report.bins import grid, histogram, strips
-from ssil_data.report.segments import correlations, rank_among, windows
-
-LENGTHS = np.array([100, 7, 60, 80])
-ALL = np.ones(4, bool)
-
-
-def test_planted_segments_are_found_the_worst_first():
-    values = np.ones(LENGTHS.sum())
-    values[30:50], values[110:130] = 0.2, 0.1
-    every = windows(LENGTHS, ALL)
-    found = every.least(every.means(values), np.zeros(len(every)), count=2, per_episode=3)
-    assert every.start[found].tolist() == [110, 30]
-    assert every.stop[found].tolist() == [130, 50]
-    assert every.episode[found].tolist() == [2, 0]
-
-
-def test_segments_of_other_episodes_are_never_offered():
-    every = windows(LENGTHS, np.array([True, False, True, False]))
-    assert set(every.episode.tolist()) == {0, 2}
-    assert len(windows(LENGTHS, ~ALL)) == 0
-    nothing = windows(LENGTHS, ~ALL)
-    assert len(nothing.least(np.zeros(0), np.zeros(0), count=5, per_episode=2)) == 0
-
-
-def test_an_episode_shorter_than_a_window_is_one_window():
-    every = windows(LENGTHS, ALL)
-    assert every.start[every.episode == 1].tolist() == [100]
-    assert every.stop[every.episode == 1].tolist() == [107]
-
-
-def test_equal_measures_are_ordered_by_the_second_key():
-    every = windows(np.array([20, 20, 20]), np.ones(3, bool))
-    found = every.least(np.zeros(3), np.array([2.0, 0.0, 1.0]), count=3, per_episode=1)
-    assert found.tolist() == [1, 2, 0]
-
-
-@given(
-    st.lists(st.integers(1, 70), min_size=1, max_size=8),
-    st.integers(1, 30),
-    st.integers(1, 4),
-    st.integers(0, 2**32 - 1),
-)
-def test_segments_never_overlap_nor_leave_their_episode(
-    lengths: list[int], steps: int, per_episode: int, seed: int
-):
-    sizes = np.array(lengths)
-    values = np.random.default_rng(seed).integers(0, 3, sizes.sum()).astype(float)
-    every = windows(sizes, np.ones(len(sizes), bool), steps=steps)
-    means = every.means(values)
-    found = every.least(means, every.start, count=10, per_episode=per_episode)
-    ends = zip(every.start[found].tolist(), every.stop[found].tolist(), strict=True)
-    rows = np.concatenate([np.arange(start, stop) for start, stop in ends])
-    assert len(set(rows.tolist())) == len(rows)
-    assert np.bincount(every.episode[found]).max() <= per_episode
-    assert (np.diff(means[found]) >= 0).all()
-    assert means[found[0]] == means.min()
-    owner = np.repeat(np.arange(len(sizes)), sizes)
-    assert (owner[every.start] == owner[every.stop - 1]).all()
-
-
-def test_standings_correlate_as_spearman_says():
-    rng = np.random.default_rng(0)
-    values = rng.integers(0, 9, (3, 200)).astype(float)
-    values[2] = 1.0
-    among = np.ones(200, bool)
-    matrix = correlations(np.stack([rank_among(row, among) for row in values]))
-    assert matrix[0, 1] == pytest.approx(spearman(values[0], values[1]))
-    assert matrix[0, 0] == pytest.approx(1)
-    assert np.isnan(matrix[2]).all()
-
-
-def test_a_standing_is_the_share_of_the_unlabeled_pairs_below():
-    values, among = np.array([0.0, 1.0, 2.0, 3.0, 9.0]), np.array([1, 1, 1, 1, 0], bool)
-    assert rank_among(values, among).tolist() == [0.125, 0.375, 0.625, 0.875, 1.0]
+from ssil_data.report.bins import build_grid, histogram, lay_out_strips
 
 
 def test_a_histogram_counts_every_value_ends_included():
@@ -92,25 +15,26 @@ def test_a_histogram_counts_every_value_ends_included():
 def test_strips_hold_the_mean_of_each_bin_of_each_episode():
     lengths = np.array([5, 3, 1000])
     values = np.linspace(0, 1, lengths.sum(), dtype=np.float32)
-    made = strips(lengths, [np.array([2, 0]), np.array([1])], ["bad", "good"], {"r0": values})
-    assert [row["i"] for row in made.rows] == [2, 0, 1]
-    assert made.steps == 5
-    assert made.rows[0]["r0"][0] == round(100 * float(values[8:13].mean()))
-    assert [len(row["r0"]) for row in made.rows] == [200, 1, 1]
-    assert [label["name"] for label in made.labels] == ["bad (2)", "good (1)"]
-    assert made.rows[1]["y2"] <= made.rows[2]["y"]
+    groups = [np.array([2, 0]), np.array([1])]
+    laid_out = lay_out_strips(lengths, groups, ["bad", "good"], {"r0": values})
+    assert [row["i"] for row in laid_out.rows] == [2, 0, 1]
+    assert laid_out.steps == 5
+    assert laid_out.rows[0]["r0"][0] == round(100 * float(values[8:13].mean()))
+    assert [len(row["r0"]) for row in laid_out.rows] == [200, 1, 1]
+    assert [label["name"] for label in laid_out.labels] == ["bad (2)", "good (1)"]
+    assert laid_out.rows[1]["y2"] <= laid_out.rows[2]["y"]
 
 
 def test_a_map_cell_is_the_mean_of_its_groups_pairs():
     positions = np.array([[0, 0], [0.1, 0.1], [10, 5], [10, 5]], np.float32)
     leverage = np.array([0.2, 0.4, 0.6, 1.0], np.float32)
-    made = grid(positions, np.array([0, 0, 0, 1]), 2, {"r0": leverage}, across=10)
-    assert made.cell == 1.0
-    assert made.groups[0] == {"i": [0, 10], "j": [0, 5], "pairs": [2, 1], "r0": [30, 60]}
-    assert made.groups[1]["r0"] == [100]
-    assert made.visited == [{"i": [0, 10], "j": [0, 5]}]
+    cells = build_grid(positions, np.array([0, 0, 0, 1]), 2, {"r0": leverage}, across=10)
+    assert cells.cell == 1.0
+    assert cells.groups[0] == {"i": [0, 10], "j": [0, 5], "pairs": [2, 1], "r0": [30, 60]}
+    assert cells.groups[1]["r0"] == [100]
+    assert cells.visited == [{"i": [0, 10], "j": [0, 5]}]
 
 
 def test_a_map_of_one_place_has_one_cell():
-    made = grid(np.zeros((3, 2), np.float32), np.zeros(3, int), 1, {}, across=10)
-    assert made.size == (1, 1)
+    cells = build_grid(np.zeros((3, 2), np.float32), np.zeros(3, int), 1, {}, across=10)
+    assert cells.size == (1, 1)

@@ -2,69 +2,24 @@
 
 import json
 import re
-from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pytest
 import vl_convert
 
-from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import GPR, MDN, VAE
+from ssil_data.estimators import MDN, VAE
 from ssil_data.quality import measure_quality
 from ssil_data.report import write_report
-from ssil_data.report.evidence import Evidence
-from ssil_data.report.findings import disputes, least_trusted
 from ssil_data.scales import MinMax
 from ssil_data.scoring import Recipe, rescore, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
-from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
+from support.demonstrations import drive
+from support.report_page import create_plain, read_report, with_positions
 
 QUICK = VAE(steps=20)
 HOSTILE = "</script><script>alert('&1\")</script>"
-
-
-class Page(HTMLParser):
-    """What a browser sees: tags, attributes, and the visible text."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.text = ""
-        self.feed(path.read_text("utf-8"))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
-
-    def handle_data(self, data: str) -> None:
-        if self.tags[-1:] != ["script"]:
-            self.text += data
-
-    @property
-    def sections(self) -> list[str]:
-        return [value for name, value in self.attributes if name == "id" and value != "run"]
-
-
-def reported(dataset: Dataset, folder: Path) -> Page:
-    write_report(dataset, folder / "report.html")
-    return Page(folder / "report.html")
-
-
-def silent(what: str, done: int, of: int) -> None:
-    """Report to nobody."""
-
-
-def plain(store: Store, episodes: list[Episode], names: tuple[str, ...] = STATE_NAMES) -> Dataset:
-    return store.create("plain", episodes, state_names=names, action_names=ACTION_NAMES)
-
-
-def with_positions(seed: int, **known: object) -> Episode:
-    return drive(seed, 40, positions=drive(seed, 40).states[:, :2], **known)
 
 
 def test_the_page_has_every_run_and_every_section(store: Store, tmp_path: Path):
@@ -72,10 +27,10 @@ def test_the_page_has_every_run_and_every_section(store: Store, tmp_path: Path):
         with_positions(seed, tier=tier, score=seed / 10)
         for seed, tier in ((2, "0-25"), (3, "expert"), (4, "expert"))
     ]
-    dataset = plain(store, [with_positions(1, labeled=True), *unlabeled])
+    dataset = create_plain(store, [with_positions(1, labeled=True), *unlabeled])
     for name, estimator in (("first", QUICK), ("second", MDN(steps=20))):
         score(dataset, estimator, run=name)
-    page = reported(dataset, tmp_path)
+    page = read_report(dataset, tmp_path)
     expected = ["runs", "histograms", "timelines", "map", "segments", "agreement"]
     assert page.sections == expected
     assert page.tags.count("script") == 4 + 2
@@ -85,7 +40,7 @@ def test_the_page_has_every_run_and_every_section(store: Store, tmp_path: Path):
 
 def test_the_page_asks_no_network_for_anything(dataset: Dataset, tmp_path: Path):
     score(dataset, QUICK)
-    page = reported(dataset, tmp_path)
+    page = read_report(dataset, tmp_path)
     assert not {"link", "img", "iframe", "base", "object", "embed"} & set(page.tags)
     loads = [
         value for name, value in page.attributes if name in ("src", "href", "srcset", "action")
@@ -102,18 +57,20 @@ def test_the_page_asks_no_network_for_anything(dataset: Dataset, tmp_path: Path)
 
 def test_names_that_users_gave_are_escaped(store: Store, tmp_path: Path):
     episodes = [drive(1, 30, labeled=True), drive(2, 30, tier=HOSTILE, source=HOSTILE, score=0.1)]
-    dataset = plain(store, [*episodes, drive(3, 30, tier="expert", score=1.0)], (HOSTILE, "b", "c"))
+    dataset = create_plain(
+        store, [*episodes, drive(3, 30, tier="expert", score=1.0)], (HOSTILE, "b", "c")
+    )
     score(dataset, QUICK)
-    page = reported(dataset, tmp_path)
+    page = read_report(dataset, tmp_path)
     assert page.tags.count("script") == 2 + 2
     assert page.text.count(HOSTILE) > 3
     assert HOSTILE not in (tmp_path / "report.html").read_text("utf-8")
 
 
 def test_a_dataset_without_tiers_scores_and_positions_has_a_page(store: Store, tmp_path: Path):
-    dataset = plain(store, [drive(seed, 30, labeled=seed == 0) for seed in range(3)])
+    dataset = create_plain(store, [drive(seed, 30, labeled=seed == 0) for seed in range(3)])
     score(dataset, QUICK)
-    page = reported(dataset, tmp_path)
+    page = read_report(dataset, tmp_path)
     assert "map" not in page.sections
     assert page.text.count("–") >= 4
     assert "unlabeled" in page.text
@@ -121,31 +78,33 @@ def test_a_dataset_without_tiers_scores_and_positions_has_a_page(store: Store, t
 
 
 def test_a_dataset_of_labeled_episodes_alone_has_a_page(store: Store, tmp_path: Path):
-    dataset = plain(store, [drive(seed, 30, labeled=True) for seed in range(2)])
+    dataset = create_plain(store, [drive(seed, 30, labeled=True) for seed in range(2)])
     score(dataset, QUICK, run="one")
     score(dataset, Recipe(QUICK, MinMax()), run="two")
-    assert "Every episode is labeled" in reported(dataset, tmp_path).text
+    assert "Every episode is labeled" in read_report(dataset, tmp_path).text
 
 
 def test_a_dataset_without_labeled_episodes_has_a_page(
     dataset: Dataset, store: Store, tmp_path: Path
 ):
-    unlabeled = plain(store, [drive(seed, 30) for seed in range(2)])
+    unlabeled = create_plain(store, [drive(seed, 30) for seed in range(2)])
     for run in (score(dataset, QUICK), score(dataset, MDN(steps=20))):
         rescore(unlabeled, dataset, run.name)
-    assert "0 in 0 episodes" in reported(unlabeled, tmp_path).text
+    assert "0 in 0 episodes" in read_report(unlabeled, tmp_path).text
 
 
 def test_the_run_of_the_best_auroc_is_shown_first(dataset: Dataset, tmp_path: Path):
     score(dataset, Recipe(VAE(steps=1, hidden=1, latent=1), MinMax()), run="poor")
     score(dataset, VAE(steps=300), run="good")
-    aurocs = {run: measure_quality(dataset, dataset.leverage(run)).auroc or 0 for run in ("poor", "good")}
+    aurocs = {
+        run: measure_quality(dataset, dataset.leverage(run)).auroc or 0 for run in ("poor", "good")
+    }
     assert aurocs["good"] > aurocs["poor"]
-    assert "Shown first below: good" in reported(dataset, tmp_path).text
+    assert "Shown first below: good" in read_report(dataset, tmp_path).text
 
 
 def test_every_chart_draws_with_its_titles(store: Store, tmp_path: Path):
-    dataset = plain(store, [with_positions(seed, labeled=seed == 0) for seed in range(3)])
+    dataset = create_plain(store, [with_positions(seed, labeled=seed == 0) for seed in range(3)])
     score(dataset, QUICK, run="one")
     score(dataset, Recipe(QUICK, MinMax()), run="two")
     write_report(dataset, tmp_path / "report.html")
@@ -163,50 +122,10 @@ def test_every_chart_draws_with_its_titles(store: Store, tmp_path: Path):
             assert f">{title}</text>" in svg
 
 
-def test_the_reason_names_the_dimension_that_was_tampered_with(store: Store):
-    stuck = drive(5, 90)
-    states = stuck.states.copy()
-    states[40:60, 1] += 50.0
-    tampered = Episode(states, stuck.actions)
-    dataset = plain(store, [drive(1, 90, labeled=True), drive(2, 90, labeled=True), tampered])
-    score(dataset, VAE(steps=300), run="vae")
-    score(dataset, GPR(), run="gpr")
-    found = least_trusted(Evidence.of(dataset, silent), silent)
-    vae, gpr = found["r0"][0], found["r1"][0]
-    for one in (vae, gpr):
-        assert (one.segment.episode, one.segment.first, one.segment.last) == (2, 40, 59)
-        speed = one.reason.dimensions[0]
-        assert (speed.name, speed.unusual) == ("speed", True)
-        assert speed.value == pytest.approx(float(states[40:60, 1].mean()))
-    assert vae.reason.parts == {}
-    assert vae.reason.dimensions[0].share is not None
-    assert vae.reason.dimensions[0].share > 0.5
-    assert sum(gpr.reason.parts.values()) == pytest.approx(1)
-
-
-def test_planted_disagreement_comes_first(dataset: Dataset):
-    for run in ("one", "two"):
-        score(dataset, QUICK, run=run)
-    evidence = Evidence.of(dataset, silent)
-    leverage = np.linspace(0, 0.5, len(dataset), dtype=np.float32)
-    other = leverage.copy()
-    other[125:145] = 1.0
-    one, two = evidence.runs
-    planted = replace(
-        evidence, runs=[replace(one, leverage=leverage), replace(two, leverage=other)]
-    )
-    matrix, found = disputes(planted)
-    assert matrix.shape == (2, 2)
-    assert 0.5 < matrix[0, 1] < 1
-    first = found[0]
-    assert (first.segment.episode, first.segment.first, first.segment.last) == (2, 5, 24)
-    assert first.standings[1] > 0.8 > 0.2 > first.standings[0]
-
-
 def test_many_episodes_are_capped_and_the_page_says_so(store: Store, tmp_path: Path):
-    dataset = plain(store, [drive(seed, 4, labeled=seed < 9) for seed in range(400)])
+    dataset = create_plain(store, [drive(seed, 4, labeled=seed < 9) for seed in range(400)])
     score(dataset, QUICK)
-    assert "320 of 400 episodes are shown" in reported(dataset, tmp_path).text
+    assert "320 of 400 episodes are shown" in read_report(dataset, tmp_path).text
 
 
 def test_a_dataset_without_runs_is_refused(dataset: Dataset, tmp_path: Path):
@@ -217,9 +136,9 @@ def test_a_dataset_without_runs_is_refused(dataset: Dataset, tmp_path: Path):
 
 def test_a_missing_folder_is_named(dataset: Dataset, tmp_path: Path):
     score(dataset, QUICK)
-    with pytest.raises(InvalidInputError, match=r"existing folder, found .*nowhere"):
+    with pytest.raises(InvalidInputError, match=r"the folder .*nowhere does not exist"):
         write_report(dataset, tmp_path / "nowhere" / "report.html")
-    with pytest.raises(InvalidInputError, match="found the folder"):
+    with pytest.raises(InvalidInputError, match="is a folder; name a file"):
         write_report(dataset, tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""The map as a Vega-Lite spec: where leverage is low, group by group, in metres."""
+"""The map of leverage as a Vega-Lite specification: where it is low, group by group."""
 
 from __future__ import annotations
 
@@ -8,14 +8,33 @@ from typing import Any
 import altair as alt
 
 from ssil_data.report.bins import Grid
-from ssil_data.report.look import WIDTH, Spec, build_spec, choice, leverage_color, run_title
+from ssil_data.report.style import (
+    WIDTH,
+    Spec,
+    build_spec,
+    leverage_color,
+    run_parameters,
+    run_title,
+)
 
 SIDE = 4
 """Pixels of a cell's side."""
 
 
-def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: str) -> Spec:
-    """Draw the map once for each group, coloured by leverage under the run that is shown."""
+def draw_map(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: str) -> Spec:
+    """Draw a map for each group, colored by leverage under the run that is shown.
+
+    Parameters
+    ----------
+    grid
+        Cells of the map.
+    groups
+        Names of the groups, in order.
+    names
+        Names of the runs by key.
+    shown
+        Key of the run that is shown first.
+    """
     width, height = (SIDE * cells for cells in grid.size)
     panels = [
         alt.layer(
@@ -39,11 +58,13 @@ def track(grid: Grid, groups: Sequence[str], names: Mapping[str, str], shown: st
     chart = alt.concat(*panels, columns=columns, title=run_title("Leverage on the map"))
     data = {"visited": grid.visited}
     data |= {f"group{number}": [row] for number, row in enumerate(grid.groups)}
-    return build_spec(chart.add_params(*choice(names, shown)), data)
+    return build_spec(chart.add_params(*run_parameters(names, shown)), data)
 
 
 def _squares(data: str, grid: Grid, *fields: str) -> alt.Chart:
-    half, (x, y) = grid.cell / 2, grid.origin
+    """Place the squares of some data at the middle of their cells."""
+    half = grid.cell / 2
+    x, y = grid.origin
     return (
         alt.Chart(alt.NamedData(data))
         .transform_flatten(["i", "j", *fields])
@@ -51,13 +72,14 @@ def _squares(data: str, grid: Grid, *fields: str) -> alt.Chart:
             x=f"datum.i * {grid.cell} + {x + half}", y=f"datum.j * {grid.cell} + {y + half}"
         )
         .encode(
-            x=_metres("x", x, x + grid.size[0] * grid.cell, SIDE * grid.size[0]),
-            y=_metres("y", y, y + grid.size[1] * grid.cell, SIDE * grid.size[1]),
+            x=_meters("x", x, x + grid.size[0] * grid.cell, SIDE * grid.size[0]),
+            y=_meters("y", y, y + grid.size[1] * grid.cell, SIDE * grid.size[1]),
         )
     )
 
 
-def _metres(axis: str, low: float, high: float, pixels: int) -> Any:
+def _meters(axis: str, low: float, high: float, pixels: int) -> Any:
+    """Return an axis in meters, x or y, with about 80 pixels between its ticks."""
     channel = alt.X if axis == "x" else alt.Y
     return channel(
         f"{axis}:Q",

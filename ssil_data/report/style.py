@@ -1,4 +1,4 @@
-"""What the charts share: the colour of leverage, titles, the choice of a run, data by name."""
+"""What the charts share: the color of leverage, titles, and which run is shown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,15 @@ WIDTH = 1120
 
 
 def leverage_color(field: str, *, legend: bool = True) -> alt.Color:
-    """Colour a field of leverage in [0, 1]; the darkest end is left out, for dark pages."""
+    """Return the color scale of leverage; the darkest end is left out, for dark pages.
+
+    Parameters
+    ----------
+    field
+        Field of leverage in [0, 1], with its type: "leverage:Q".
+    legend
+        Whether to explain the colors above the chart.
+    """
     scale = alt.Scale(domain=[0, 1], scheme=alt.SchemeParams("viridis", extent=[0.15, 1]))
     if not legend:
         return alt.Color(field, scale=scale, legend=None)
@@ -33,20 +41,48 @@ def leverage_color(field: str, *, legend: bool = True) -> alt.Color:
 
 
 def title(text: str) -> alt.TitleParams:
-    """Return a chart's title."""
+    """Return a chart's title.
+
+    Parameters
+    ----------
+    text
+        The title.
+    """
     return alt.TitleParams(text, anchor="start", offset=10)
 
 
 def run_title(text: str) -> alt.TitleParams:
-    """Return a title that ends with the name of the run that is shown."""
+    """Return a title that ends with the name of the run that is shown.
+
+    Parameters
+    ----------
+    text
+        What comes before the name.
+    """
     return alt.TitleParams(alt.ExprRef(f"'{text}: ' + names[run]"), anchor="start", offset=10)
 
 
-def choice(names: Mapping[str, str], shown: str) -> list[alt.Parameter]:
-    """Return the parameters of a chart of one run: `run`, a key, and `names` by keys."""
+def run_parameters(names: Mapping[str, str], shown: str) -> list[alt.Parameter]:
+    """Return the parameters of a chart that shows one run: `run`, its key, and `names`.
+
+    Parameters
+    ----------
+    names
+        Names of the runs by key.
+    shown
+        Key of the run that is shown first.
+    """
     return [alt.param(name="run", value=shown), alt.param(name="names", value=dict(names))]
 
 
 def build_spec(chart: Any, data: Mapping[str, Rows]) -> Spec:
-    """Return the spec of a chart with its data, which were not checked row by row."""
+    """Return a chart with its data as a Vega-Lite specification.
+
+    Parameters
+    ----------
+    chart
+        Altair chart whose data have names.
+    data
+        Rows by those names; they are not checked one by one, which would take seconds.
+    """
     return {**chart.to_dict(), "datasets": dict(data)}
