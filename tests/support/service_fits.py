@@ -1,8 +1,7 @@
-"""What schemathesis cannot know from the document: which names exist, how wide a state is.
+"""Hooks for schemathesis: which names exist and how wide a state is, as no document can say.
 
-Hooks for its command line. Without them nearly every request would end at 404 or at a width;
-they change names and widths only, so that what was drawn valid stays valid and what was drawn
-invalid stays invalid.
+Without them nearly every request would end at 404 or at a width. They change names and widths
+only, so that what was drawn valid stays valid and what was drawn invalid stays invalid.
 """
 
 import json
@@ -15,9 +14,10 @@ from hypothesis import strategies as st
 from schemathesis.transport.serialization import Binary
 
 from ssil_data.client.wire import ARROW, PARQUET, encode, rows_of_matrix
+from support.demonstrations import ACTION_NAMES, STATE_NAMES
 
-STATE_NAMES, ACTION_NAMES = ["distance", "speed", "heading"], ["throttle", "steering"]
-STATE, ACTION = len(STATE_NAMES), len(ACTION_NAMES)
+STATE_WIDTH = len(STATE_NAMES)
+ACTION_WIDTH = len(ACTION_NAMES)
 
 
 def _table(rows: int) -> pa.Table:
@@ -26,8 +26,8 @@ def _table(rows: int) -> pa.Table:
         {
             "episode": np.arange(rows) // 3,
             "step": np.arange(rows) % 3,
-            "state": rows_of_matrix(rng.normal(size=(rows, STATE)).astype(np.float32)),
-            "action": rows_of_matrix(rng.normal(size=(rows, ACTION)).astype(np.float32)),
+            "state": rows_of_matrix(rng.normal(size=(rows, STATE_WIDTH)).astype(np.float32)),
+            "action": rows_of_matrix(rng.normal(size=(rows, ACTION_WIDTH)).astype(np.float32)),
         },
         metadata={"state_names": json.dumps(STATE_NAMES), "action_names": json.dumps(ACTION_NAMES)},
     )
@@ -46,20 +46,23 @@ schemathesis.openapi.media_type(PARQUET, _ROWS.map(_parquet))
 
 @schemathesis.hook
 def before_call(context, case, kwargs):
-    """Fit a case, drawn or made up, to the store."""
-    method, path = case.method.upper(), case.operation.path
-    case.path_parameters = _existing(case.path_parameters, method)
+    """Fit a case to the store."""
+    method = case.method.upper()
+    path = case.operation.path
+    case.path_parameters = _use_existing_names(case.path_parameters, method)
     if case.meta is not None and case.meta.generation.mode.is_negative:
         if isinstance(case.body, bytes | Binary):
             case.body = Binary(b"no table")  # of bytes, schemathesis draws valid ones only
         return
-    case.query = _known(case.query, uploads=method in ("PUT", "POST") and "/runs" not in path)
+    case.query = _drop_options(
+        case.query, uploads=method in ("PUT", "POST") and "/runs" not in path
+    )
     case.headers.pop("Inference-Header-Content-Length", None)
-    case.body = _fitting(case.body, infers=path.endswith("/infer"))
+    case.body = _fit_body(case.body, infers=path.endswith("/infer"))
 
 
-def _existing(names, method):
-    """Ask for what exists, three times out of four; never delete or replace it."""
+def _use_existing_names(names, method):
+    """Use names that exist, three times out of four; never delete or replace what exists."""
     if not names or method in ("DELETE", "PUT"):
         return names
     names = dict(names)
@@ -70,7 +73,7 @@ def _existing(names, method):
     return names
 
 
-def _known(query, *, uploads):
+def _drop_options(query, *, uploads):
     """Leave out what cannot be guessed (versions, columns) and options that contradict others."""
     columns = (
         "state",
@@ -95,7 +98,7 @@ def _known(query, *, uploads):
     return {name: value for name, value in (query or {}).items() if name not in left_out}
 
 
-def _fitting(body, *, infers):
+def _fit_body(body, *, infers):
     """Give rows the dataset's width, a quantile scale its ends in order, a model its inputs."""
     if isinstance(body, bytes):
         return Binary(body)  # a string to schemathesis, as the document says
@@ -104,10 +107,10 @@ def _fitting(body, *, infers):
     body = dict(body)
     if _is_matrix(body.get("states")):
         count = len(body["states"])
-        body["states"] = [_wide(row, STATE) for row in body["states"]]
+        body["states"] = [_wide(row, STATE_WIDTH) for row in body["states"]]
         if _is_matrix(body.get("actions")):
-            body["actions"] = [_wide(row, ACTION) for row in body["actions"]][:count]
-            body["actions"] += [[0.0] * ACTION] * (count - len(body["actions"]))
+            body["actions"] = [_wide(row, ACTION_WIDTH) for row in body["actions"]][:count]
+            body["actions"] += [[0.0] * ACTION_WIDTH] * (count - len(body["actions"]))
             for name, values in (("episode", [0] * count), ("step", list(range(count)))):
                 if isinstance(body.get(name), list) and all(map(_is_int64, body[name])):
                     body[name] = values
@@ -120,7 +123,12 @@ def _fitting(body, *, infers):
         del body["version"]
     if infers and _are_tensors(body.get("inputs")):
         body["inputs"] = [
-            {"name": "states", "datatype": "FP32", "shape": [1, STATE], "data": [0.5] * STATE}
+            {
+                "name": "states",
+                "datatype": "FP32",
+                "shape": [1, STATE_WIDTH],
+                "data": [0.5] * STATE_WIDTH,
+            }
         ]
         if isinstance(body.get("outputs"), list) and all(map(_is_output, body["outputs"])):
             body["outputs"] = []

@@ -1,10 +1,10 @@
-"""Strangers and power cuts, many of them: mutated bodies, and kills during jobs and writes.
+"""Many mutated bodies, and many kills during jobs and writes.
 
     python tests/support/service_robustness.py mutations 10000
     python tests/support/service_robustness.py kills 50
 
-Exit status 1, with what was found, if a mutated body got a 5xx or ended a process, if anything
-acknowledged was lost, or if anything torn was seen.
+Exit status 1, with what was found, if a mutated body got a 5xx or ended the server, if anything
+acknowledged was lost, or if anything half written was seen.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import httpx
 import numpy as np
@@ -46,8 +47,8 @@ def small_store(folder: Path) -> Path:
 # mutations
 
 
-def question(rows: int) -> pa.Table:
-    """Pairs as the body of a question."""
+def query(rows: int) -> pa.Table:
+    """Return pairs as the body of a query."""
     rng = np.random.default_rng(rows)
     return pa.table(
         {
@@ -60,8 +61,8 @@ def question(rows: int) -> pa.Table:
 
 
 def upload(rows: int) -> pa.Table:
-    """Pairs as an upload, with text, a dictionary and lists of varying type."""
-    table = question(rows)
+    """Return pairs as an upload, with text, a dictionary and lists of varying type."""
+    table = query(rows)
     text = pa.array([f"lap {row // 4}" for row in range(rows)])
     lists = pa.array(table["state"].to_pylist(), pa.list_(pa.float64()))
     return (
@@ -71,88 +72,133 @@ def upload(rows: int) -> pa.Table:
     )
 
 
-def parquet(table: pa.Table) -> bytes:
+def encode_parquet(table: pa.Table) -> bytes:
     """Return a table as a Parquet file."""
     sink = io.BytesIO()
     pq.write_table(table, sink)
     return sink.getvalue()
 
 
-def mutated(body: bytes, chance: random.Random) -> bytes:
+def mutate(body: bytes, random_: random.Random) -> bytes:
     """Damage a body in one to four places."""
     data = bytearray(body)
-    for _ in range(chance.randint(1, 4)):
-        place = chance.randrange(len(data)) if data else 0
-        kind = chance.randrange(6)
-        if kind == 0:
-            data[place : place + 1] = bytes([chance.randrange(256)])
-        elif kind == 1:
-            data[place : place + 1] = bytes([data[place] ^ 1 << chance.randrange(8)])
-        elif kind == 2:
-            size = chance.choice([4, 8])
-            extreme = chance.choice([0, 1, -1, 2**31 - 1, -(2**31), 2**30, 255, 65_536])
-            place -= place % size
-            data[place : place + size] = extreme.to_bytes(size, "little", signed=True)
-        elif kind == 3:
-            del data[place : place + chance.randint(1, 64)]
-        elif kind == 4:
-            data[place:place] = data[place : place + chance.randint(1, 64)]
-        else:
-            del data[chance.randrange(max(1, len(data) // 2), len(data) + 1) :]
+    for _ in range(random_.randint(1, 4)):
+        start = random_.randrange(len(data)) if data else 0
+        kind = random_.randrange(6)
+        if kind == 0:  # another byte
+            data[start : start + 1] = bytes([random_.randrange(256)])
+        elif kind == 1:  # one bit flipped
+            data[start : start + 1] = bytes([data[start] ^ 1 << random_.randrange(8)])
+        elif kind == 2:  # an extreme number
+            size = random_.choice([4, 8])
+            extreme = random_.choice([0, 1, -1, 2**31 - 1, -(2**31), 2**30, 255, 65_536])
+            start -= start % size
+            data[start : start + size] = extreme.to_bytes(size, "little", signed=True)
+        elif kind == 3:  # a part removed
+            del data[start : start + random_.randint(1, 64)]
+        elif kind == 4:  # a part repeated
+            data[start:start] = data[start : start + random_.randint(1, 64)]
+        else:  # cut off
+            del data[random_.randrange(max(1, len(data) // 2), len(data) + 1) :]
         if not data:
             break
     return bytes(data)
 
 
-def mutations(count: int) -> list[str]:
+@dataclass(frozen=True)
+class Target:
+    """A kind of request whose body is mutated."""
+
+    make_table: Callable[[int], pa.Table]
+    method: str
+    path: str
+
+    @property
+    def name(self) -> str:
+        """The last word of the path."""
+        return self.path.rpartition("/")[2]
+
+
+_RUN = "v1/datasets/walks/runs/vae"
+_TARGETS = (
+    Target(query, "POST", f"{_RUN}/lcor"),
+    Target(query, "POST", f"{_RUN}/score"),
+    Target(upload, "PUT", "v1/datasets/mutated"),
+)
+_WEIGHTS = (5, 3, 2)
+_ENCODERS = {ARROW: lambda table: encode(table).to_pybytes(), PARQUET: encode_parquet}
+
+
+class Mutations:
+    """Sends mutated bodies to a server, and counts and remembers what happens."""
+
+    def __init__(self, server: Server) -> None:
+        self.faults: list[str] = []
+        self.statuses = Counter[tuple[str, str, int]]()
+        self.crashes = 0
+        self._server = server
+        self._random = random.Random(0)
+        self._bodies = {
+            (make_table, media): [encoder(make_table(rows)) for rows in (1, 7, 60)]
+            for make_table in (query, upload)
+            for media, encoder in _ENCODERS.items()
+        }
+
+    def send(self, http: httpx.Client, number: int) -> None:
+        """Send one mutated body."""
+        target = self._random.choices(_TARGETS, _WEIGHTS)[0]
+        media = self._random.choice([ARROW, PARQUET])
+        body = mutate(self._random.choice(self._bodies[target.make_table, media]), self._random)
+        case = f"case {number}: {target.method} {target.path} {media}"
+        try:
+            answer = http.request(
+                target.method, target.path, content=body, headers={"Content-Type": media}
+            )
+        except httpx.HTTPError as error:
+            self.faults.append(f"{case}: {error!r}")
+            return
+        self.crashes += "crashes the parser" in answer.text
+        self.statuses[target.name, media.rpartition(".")[2], answer.status_code] += 1
+        if answer.status_code >= 500:
+            self.faults.append(f"{case}: {answer.text}")
+        if answer.status_code == 201:
+            http.delete(target.path)
+
+    @property
+    def server_has_ended(self) -> bool:
+        """Whether the server's process ended."""
+        return self._server.process.poll() is not None
+
+
+def run_mutations(count: int) -> list[str]:
     """Send mutated bodies; return what went wrong."""
-    chance, statuses, wrong = random.Random(0), Counter[Any](), []
-    shapes = [(question, "POST", "lcor"), (question, "POST", "score"), (upload, "PUT", "upload")]
-    bodies = {
-        (make, media): [form(make(rows)) for rows in (1, 7, 60)]
-        for make in (question, upload)
-        for media, form in ((ARROW, lambda t: encode(t).to_pybytes()), (PARQUET, parquet))
-    }
-    deaths = 0
     with tempfile.TemporaryDirectory() as folder:
         store = small_store(Path(folder) / "store")
         server = launch(store, "--decoded-bytes", str(2**28))
+        mutations = Mutations(server)
         with httpx.Client(base_url=server.url, timeout=60) as http:
             for number in range(count):
-                make, method, what = chance.choices(shapes, (5, 3, 2))[0]
-                media = chance.choice([ARROW, PARQUET])
-                body = mutated(chance.choice(bodies[make, media]), chance)
-                path = f"v1/datasets/walks/runs/vae/{what}" if method == "POST" else "v1/datasets/m"
-                try:
-                    answer = http.request(
-                        method, path, content=body, headers={"Content-Type": media}
-                    )
-                except httpx.HTTPError as error:
-                    wrong.append(f"case {number}: {method} {path} {media}: {error!r}")
-                    if server.process.poll() is not None:
-                        wrong.append(f"the server ended with {server.process.returncode}")
-                        break
-                    continue
-                deaths += "dies of" in answer.text
-                statuses[what, media.rpartition(".")[2], answer.status_code] += 1
-                if answer.status_code >= 500:
-                    wrong.append(f"case {number}: {method} {path} {media}: {answer.text}")
-                if answer.status_code == 201:
-                    http.delete(path)
-            alive = http.get("readyz").status_code == 200
+                mutations.send(http, number)
+                if mutations.server_has_ended:
+                    mutations.faults.append(f"the server ended: {server.process.returncode}")
+                    break
+            ready = not mutations.server_has_ended and http.get("readyz").status_code == 200
         server.kill()
-        damaged = sd.Store(store)["walks"].find_damage()
-    print(f"{count} mutated bodies; the server lived: {alive}; workers that died of one: {deaths}")
-    for (what, media, status), times in sorted(statuses.items()):
-        print(f"  {what:>7} {media:>8} {status}: {times:,}")
-    return [*wrong, *damaged]
+        damage = sd.Store(store)["walks"].find_damage()
+    if not ready:
+        mutations.faults.append("the server was not ready at the end")
+    print(f"{count} mutated bodies; server ready: {ready}; crashed workers: {mutations.crashes}")
+    for (name, media, status), times in sorted(mutations.statuses.items()):
+        print(f"  {name:>7} {media:>8} {status}: {times:,}")
+    return [*mutations.faults, *damage]
 
 
 # kills
 
 
 _FLAGS = ("--jobs", "1", "--job-queue", "1")
-_LONG = 500
+_STEPS = 500
+"""Steps of an episode that is appended."""
 
 
 class Load:
@@ -163,22 +209,24 @@ class Load:
         self.appended: list[str] = []
         self.finished: list[tuple[str, str]] = []
         self.accepted: list[str] = []
-        self.warm = threading.Event()
+        self.started = threading.Event()
         self._stop = threading.Event()
-        self._server, self._round = server, round_number
-        work = (self._upload, self._append, self._score, self._watch)
-        self._threads = [threading.Thread(target=each, daemon=True) for each in work]
+        self._server = server
+        self._round = round_number
+        clients = (self._upload, self._append, self._score, self._watch)
+        self._threads = [threading.Thread(target=each, daemon=True) for each in clients]
         for thread in self._threads:
             thread.start()
 
     def stop(self) -> None:
-        """Wait for the clients, whose server is gone."""
+        """Wait for the clients, after their server was killed."""
         self._stop.set()
         for thread in self._threads:
             thread.join()
 
     def _upload(self) -> None:
-        body, number = encode(upload(3_000)).to_pybytes(), 0
+        body = encode(upload(3_000)).to_pybytes()
+        number = 0
         with httpx.Client(base_url=self._server.url, timeout=30) as http:
             while not self._stop.is_set():
                 name = f"up-{self._round}-{number}"
@@ -191,13 +239,13 @@ class Load:
                     return
                 if answer.status_code == 201:
                     self.uploaded.append(name)
-                    self.warm.set()
+                    self.started.set()
 
     def _append(self) -> None:
         number = 0
         with httpx.Client(base_url=self._server.url, timeout=30) as http:
             while not self._stop.is_set():
-                added = appended(self._round, number)
+                added = episode_to_append(self._round, number)
                 body = episodes_body([added], NAMES["state_names"], NAMES["action_names"], "")
                 number += 1
                 try:
@@ -210,7 +258,8 @@ class Load:
                     self.appended.append(str(added.source))
 
     def _score(self) -> None:
-        body, number = {"estimator": {"kind": "vae", "steps": 5}}, 0
+        body = {"estimator": {"kind": "vae", "steps": 5}}
+        number = 0
         with httpx.Client(base_url=self._server.url, timeout=30) as http:
             while not self._stop.is_set():
                 name = f"run-{self._round}-{number}"
@@ -236,84 +285,113 @@ class Load:
                 time.sleep(0.05)
 
 
-def appended(round_number: int, number: int) -> sd.Episode:
-    """Return an episode that is told from all others by its source and by each of its pairs."""
-    states = np.full((_LONG, 3), (round_number, number, 0.5))
+def episode_to_append(round_number: int, number: int) -> sd.Episode:
+    """Return an episode that its source and each of its pairs identify."""
+    states = np.full((_STEPS, 3), (round_number, number, 0.5))
     return sd.Episode(states, states[:, :2], source=f"{round_number} {number}")
 
 
-def kills(rounds: int) -> list[str]:
-    """Kill a service under load, again and again; return what was lost or torn."""
-    chance, wrong, done = random.Random(0), [], Counter[str]()
+class Acknowledged:
+    """What servers acknowledged before they were killed, over all rounds."""
+
+    def __init__(self) -> None:
+        self.uploads: set[str] = set()
+        self.appends = Counter[str]()
+        self.jobs: set[str] = set()
+        self.runs: set[str] = set()
+
+    def add(self, load: Load) -> None:
+        """Add what the clients of one round saw."""
+        self.uploads |= set(load.uploaded)
+        self.appends.update(load.appended)
+        self.jobs |= set(load.accepted)
+        self.runs |= {run for _, run in load.finished}
+
+
+def run_kills(rounds: int) -> list[str]:
+    """Kill a service under load, again and again; return what was lost or half written."""
+    random_ = random.Random(0)
+    acknowledged = Acknowledged()
+    faults: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         store = small_store(Path(folder) / "store")
-        sd.Store(store).create("grows", [appended(0, 0)], **NAMES)
-        uploaded: set[str] = set()
-        added = Counter[str]()
-        accepted: set[str] = set()
-        finished: set[str] = set()
+        sd.Store(store).create("grows", [episode_to_append(0, 0)], **NAMES)
         for number in range(1, rounds + 1):
             server = launch(store, *_FLAGS, log=Path(folder) / "log")
-            with httpx.Client(base_url=server.url, timeout=30) as http:
-                known = {job["job"] for job in http.get("v1/jobs").json()["jobs"]}
-            lost = accepted - known
-            wrong += [f"round {number}: job {job} was accepted and is not known" for job in lost]
+            found = find_lost_jobs(server, acknowledged)
             load = Load(server, number)
-            load.warm.wait(60)
-            time.sleep(chance.uniform(0.0, 5.0))
+            load.started.wait(60)
+            time.sleep(random_.uniform(0.0, 5.0))
             server.kill()
             load.stop()
-            uploaded |= set(load.uploaded)
-            added.update(load.appended)
-            accepted |= set(load.accepted)
-            finished |= {run for _, run in load.finished}
-            found = [*seen_wrong(store, uploaded, finished), *grown_wrong(store, added)]
-            wrong += [f"round {number}: {each}" for each in found]
-            done += Counter(uploads=len(load.uploaded), jobs=len(load.accepted))
-        unknown = len(sd.Store(store)["grows"].episodes) - 1 - added.total()
-        print(f"  appends that were made and not acknowledged: {unknown}")
-        done += Counter(appends=added.total(), runs=len(finished))
+            acknowledged.add(load)
+            found += find_losses(store, acknowledged)
+            faults += [f"round {number}: {each}" for each in found]
         server = launch(store, "--jobs", "2")
-        wrong += [f"at the end: {each}" for each in unfinished(server, accepted)]
+        faults += [f"at the end: {each}" for each in wait_for_jobs(server, acknowledged.jobs)]
         server.kill()
-        wrong += [*seen_wrong(store, uploaded, finished), *grown_wrong(store, added)]
-    print(f"{rounds} kills; acknowledged: {dict(done)}; lost or torn: {len(wrong)}")
-    return wrong
+        faults += find_losses(store, acknowledged)
+        unknown = len(sd.Store(store)["grows"].episodes) - 1 - acknowledged.appends.total()
+    print(f"{rounds} kills; lost or half written: {len(faults)}; acknowledged:")
+    print(f"  {len(acknowledged.uploads)} uploads, {acknowledged.appends.total()} appends,")
+    print(f"  {len(acknowledged.jobs)} jobs, {len(acknowledged.runs)} runs")
+    print(f"  appends that were made and not acknowledged: {unknown}")
+    return faults
 
 
-def seen_wrong(store: Path, uploaded: set[str], finished: set[str]) -> list[str]:
-    """Read the store as any process would, right after a kill."""
-    here = sd.Store(store)
-    names = set(here.names())
-    wrong = [f"{name} was acknowledged and is lost" for name in uploaded - names]
+def find_lost_jobs(server: Server, acknowledged: Acknowledged) -> list[str]:
+    """Name the jobs that were accepted before and that a new server does not know."""
+    with httpx.Client(base_url=server.url, timeout=30) as http:
+        known = {job["job"] for job in http.get("v1/jobs").json()["jobs"]}
+    return [f"job {job} was accepted and is not known" for job in acknowledged.jobs - known]
+
+
+def find_losses(store: Path, acknowledged: Acknowledged) -> list[str]:
+    """Read the store as any process would after a kill; name what is lost or half written."""
+    return [
+        *check_uploads(store, acknowledged.uploads),
+        *check_runs(store, acknowledged.runs),
+        *check_appends(store, acknowledged.appends),
+    ]
+
+
+def check_uploads(store: Path, acknowledged: set[str]) -> list[str]:
+    """Name uploads that are lost or half written."""
+    opened = sd.Store(store)
+    names = set(opened.names())
+    faults = [f"{name} was acknowledged and is lost" for name in acknowledged - names]
     for name in names - {"walks", "grows"}:
-        dataset = here[name]
+        dataset = opened[name]
         if len(dataset) != 3_000 or len(dataset.pairs()) != 3_000:
-            wrong.append(f"{name} is torn: {len(dataset)} pairs")
-    walks = here["walks"]
-    wrong += walks.find_damage()
-    wrong += [f"run {run} was shown and is lost" for run in finished - set(walks.runs.names())]
-    for run in walks.runs.names():
-        if len(walks.leverage(run)) != 240:
-            wrong.append(f"run {run} is torn")
-    return wrong
+            faults.append(f"{name} is half written: {len(dataset)} pairs")
+    return faults
 
 
-def grown_wrong(store: Path, acknowledged: Counter[str]) -> list[str]:
-    """Tell which appends are lost, were made twice, or made in part."""
+def check_runs(store: Path, acknowledged: set[str]) -> list[str]:
+    """Name runs that are lost or half written."""
+    walks = sd.Store(store)["walks"]
+    names = walks.runs.names()
+    faults = [f"run {run} was shown and is lost" for run in acknowledged - set(names)]
+    faults += [f"run {run} is half written" for run in names if len(walks.leverage(run)) != 240]
+    return [*faults, *walks.find_damage()]
+
+
+def check_appends(store: Path, acknowledged: Counter[str]) -> list[str]:
+    """Name appends that are lost, were made twice, or are half written."""
     grows = sd.Store(store)["grows"]
-    pairs, sources = grows.pairs(), grows.episodes["source"].to_pylist()
-    made = Counter(sources[1:])
-    wrong = [f"append {each} was acknowledged and is lost" for each in acknowledged - made]
-    wrong += [f"append {each} was made {times} times" for each, times in made.items() if times > 1]
+    pairs = grows.pairs()
+    sources = grows.episodes["source"].to_pylist()
+    found = Counter(sources[1:])
+    faults = [f"append {each} was acknowledged and is lost" for each in acknowledged - found]
+    faults += [f"append {each} was made {n} times" for each, n in found.items() if n > 1]
     expected = np.array([[float(number) for number in each.split()] for each in sources])
-    if not np.array_equal(pairs.states[:, :2], expected.repeat(_LONG, axis=0)):
-        wrong.append(f"grows is torn: {len(pairs)} pairs in {len(sources)} episodes")
-    return [*wrong, *grows.find_damage()]
+    if not np.array_equal(pairs.states[:, :2], expected.repeat(_STEPS, axis=0)):
+        faults.append(f"grows is half written: {len(pairs)} pairs in {len(sources)} episodes")
+    return [*faults, *grows.find_damage()]
 
 
-def unfinished(server: Server, accepted: set[str]) -> list[str]:
-    """Wait until the last server has ended every job that was accepted."""
+def wait_for_jobs(server: Server, accepted: set[str]) -> list[str]:
+    """Wait until a server has ended every job; name those that it lost or that did not end."""
     deadline = time.monotonic() + 300
     states: dict[str, str] = {}
     with httpx.Client(base_url=server.url, timeout=30) as http:
@@ -325,18 +403,18 @@ def unfinished(server: Server, accepted: set[str]) -> list[str]:
             time.sleep(0.2)
     print(f"  jobs at the end: {dict(Counter(states.values()))}")
     lost = [f"job {job} is not known" for job in accepted - set(states)]
-    open_ = [
-        f"job {job} is {states[job]}" for job in states if states[job] in ("queued", "running")
+    unfinished = [
+        f"job {job} is {state}" for job, state in states.items() if state in ("queued", "running")
     ]
-    return [*lost, *open_]
+    return [*lost, *unfinished]
 
 
 def main() -> int:
-    """Run what the command line asks for."""
-    what, count = sys.argv[1], int(sys.argv[2])
-    wrong = {"mutations": mutations, "kills": kills}[what](count)
-    print("\n".join(wrong[:50]))
-    return 1 if wrong else 0
+    """Run what the command line names, as often as it says."""
+    runs = {"mutations": run_mutations, "kills": run_kills}
+    faults = runs[sys.argv[1]](int(sys.argv[2]))
+    print("\n".join(faults[:50]))
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":
