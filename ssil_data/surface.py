@@ -33,22 +33,67 @@ class FieldLike(Protocol):
         ...
 
     def at(self, alpha: float, /) -> Self:
-        """Return the field with another sharpness."""
+        """Return the field with another sharpness.
+
+        Parameters
+        ----------
+        alpha
+            The kernel's sharpness, > 0.
+
+        Raises
+        ------
+        InvalidInputError
+            For an alpha at which the kernel cannot be computed.
+        """
         ...
 
     def lcor(self, states: ArrayLike, /, **options: Unpack[LCoROptions]) -> LCoR:
-        """Return LCoR of states (m, d) in raw units: near 1 expert-like, near 0 not (equation 5).
+        """Return LCoR of states (equation 5): near 1 is expert-like, near 0 is not.
 
-        Options are the fields of `ssil_data.field.LCoRQuery`.
+        Parameters
+        ----------
+        states
+            (m, d) in raw units.
+        options
+            The fields of `ssil_data.field.LCoRQuery` as keyword arguments.
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and for options that conflict.
         """
         ...
 
     def sums(self, states: ArrayLike, /, *, contributors: int = 0) -> Sums:
-        """Return the sums that make LCoR of states (m, d), which add up over shards."""
+        """Return the sums that make LCoR of states, which add up over the shards of a store.
+
+        Parameters
+        ----------
+        states
+            (m, d) in raw units.
+        contributors
+            Also return this many demonstration states that weigh most.
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and for a negative number.
+        """
         ...
 
     def cor(self, states: ArrayLike, /) -> NDArray[np.float64]:
-        """Return CoR of states (m, d), (m,) in [0, 1]: above 1/2 nearer to the labeled states."""
+        """Return CoR of states (equation 2): above 1/2 nearer to the labeled states, else below.
+
+        Parameters
+        ----------
+        states
+            (m, d) in raw units.
+
+        Raises
+        ------
+        InvalidInputError
+            For states of another width or not finite, and where all states are labeled, or none.
+        """
         ...
 
 
@@ -56,7 +101,19 @@ class ModelLike(Protocol):
     """The fitted estimator and scale of a run."""
 
     def __call__(self, pairs: Pairs, /) -> Scored:
-        """Return uncertainty and leverage of pairs, of the dataset or new ones."""
+        """Return uncertainty and leverage of pairs, of the dataset or new ones.
+
+        Parameters
+        ----------
+        pairs
+            In raw units; estimators of windows need the neighboring rows of an episode in the same
+            call.
+
+        Raises
+        ------
+        InvalidInputError
+            For pairs of another width.
+        """
         ...
 
 
@@ -80,15 +137,51 @@ class RunsLike(Protocol):
         ...
 
     def __getitem__(self, name: str, /) -> Run:
-        """Return a run of this version; NotFoundError, or ConflictError for another version's."""
+        """Return the record of a run of this version.
+
+        Parameters
+        ----------
+        name
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        ConflictError
+            If the run was made from another version.
+        """
         ...
 
     def of_any_version(self, name: str, /) -> Run:
-        """Return a run of any version; raises NotFoundError."""
+        """Return the record of a run of any version, whose model is to be used.
+
+        Parameters
+        ----------
+        name
+            The run's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no run has the name.
+        """
         ...
 
     def values(self, name: str, /) -> pa.Table:
-        """Read a run's values: episode, step, uncertainty, aleatoric, epistemic, leverage."""
+        """Read the values of a run of this version, in the order of the pairs.
+
+        Parameters
+        ----------
+        name
+            The run's name.
+
+        Returns
+        -------
+        pyarrow.Table
+            episode, step, uncertainty (larger: less like the labeled pairs), its parts aleatoric
+            and epistemic (null where the estimator has none), leverage in [0, 1].
+        """
         ...
 
 
@@ -111,7 +204,18 @@ class DatasetLike(Protocol):
         ...
 
     def at(self, version: str, /) -> Self:
-        """Open an earlier version by its fingerprint; raises NotFoundError."""
+        """Open an earlier version.
+
+        Parameters
+        ----------
+        version
+            Its fingerprint.
+
+        Raises
+        ------
+        NotFoundError
+            If no version has the fingerprint.
+        """
         ...
 
     def __len__(self) -> int:
@@ -143,11 +247,28 @@ class DatasetLike(Protocol):
         ...
 
     def batches(self, *, rows: int = ...) -> Iterator[Pairs]:
-        """Read all pairs in order, at most `rows` at a time; episodes may be cut in between."""
+        """Read all pairs in order; episodes may be cut between batches.
+
+        Parameters
+        ----------
+        rows
+            Pairs in a batch at most.
+        """
         ...
 
     def episode(self, number: int, /) -> Pairs:
-        """Read the pairs of one episode; raises NotFoundError."""
+        """Read the pairs of one episode.
+
+        Parameters
+        ----------
+        number
+            Of the episode.
+
+        Raises
+        ------
+        NotFoundError
+            If no episode has the number.
+        """
         ...
 
     def labeled(self) -> Pairs:
@@ -155,13 +276,24 @@ class DatasetLike(Protocol):
         ...
 
     def per_pair(self, column: str, /) -> NDArray[Any]:
-        """Return a column of the episodes table, such as `labeled`, for every pair (n,)."""
+        """Return a column of the episodes table for every pair (n,).
+
+        Parameters
+        ----------
+        column
+            Its name, such as `labeled`.
+        """
         ...
 
     def read_recorded(self, column: str, /) -> NDArray[np.float32] | None:
-        """Read `reward` (n,) or `position` (n, 2) of every pair; None where any has none.
+        """Read what was recorded beside every pair; None where any pair has none.
 
-        For evaluation and maps only: no estimator or trainer reads them.
+        For evaluation and maps only: no estimator or trainer reads it.
+
+        Parameters
+        ----------
+        column
+            `reward` (n,) or `position` (n, 2).
         """
         ...
 
@@ -171,22 +303,51 @@ class DatasetLike(Protocol):
         ...
 
     def leverage(self, run: str, /) -> NDArray[np.float32]:
-        """Read the leverage that a run gave to every pair, (n,) in [0, 1]; 1 is expert-like."""
+        """Read the leverage that a run gave to every pair, (n,) in [0, 1]; 1 is expert-like.
+
+        Parameters
+        ----------
+        run
+            The name of a run of this version.
+        """
         ...
 
     def field(self, run: str, /, *, alpha: float | None = None) -> FieldLike:
-        """Return the leverage field of a run over all states, with the run's alpha or another."""
+        """Return the leverage field of a run over all states.
+
+        Parameters
+        ----------
+        run
+            The name of a run of this version.
+        alpha
+            Sharpness of the kernel instead of the run's own.
+        """
         ...
 
     def model(self, run: str, /) -> ModelLike:
-        """Return the fitted estimator and scale of a run of any version; raises NotFoundError."""
+        """Return the fitted estimator and scale of a run of any version.
+
+        Parameters
+        ----------
+        run
+            The run's name.
+        """
         ...
 
     def append(self, episodes: Iterable[Episode], /) -> Self:
         """Add episodes, numbered on from the last, and return the new version.
 
-        Raises InvalidInputError for other widths or no episode, ConflictError if another writer
-        added episodes meanwhile; the dataset is then unchanged.
+        Parameters
+        ----------
+        episodes
+            At least one.
+
+        Raises
+        ------
+        InvalidInputError
+            For episodes of another width, or none; the dataset is then unchanged.
+        ConflictError
+            If another writer added episodes meanwhile; the dataset is then unchanged.
         """
         ...
 
@@ -225,11 +386,39 @@ class StoreLike(Protocol[D_co]):
     ) -> D_co:
         """Write a new dataset; it appears whole, at the end, or not at all.
 
-        Raises ConflictError if the name is taken, InvalidInputError for episodes of another width
-        or none.
+        Parameters
+        ----------
+        name
+            The dataset's name.
+        episodes
+            At least one.
+        state_names, action_names
+            The names of the dimensions.
+        card
+            Markdown; the files' checksums are added to it.
+
+        Raises
+        ------
+        ConflictError
+            If the name is taken.
+        InvalidInputError
+            For episodes of another width, or none.
         """
         ...
 
     def delete(self, name: str, /) -> None:
-        """Delete a dataset with its runs; raises NotFoundError, or ConflictError while in use."""
+        """Delete a dataset with its runs.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If no dataset has the name.
+        ConflictError
+            While somebody writes to it.
+        """
         ...

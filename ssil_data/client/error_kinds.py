@@ -53,6 +53,11 @@ def caller_error(kind: str, detail: str) -> SsilDataError | None:
 def error_of_status(status: int) -> type[SsilDataError] | None:
     """Return the caller's mistake that a status names exactly, None for any other status.
 
+    Parameters
+    ----------
+    status
+        Of a response.
+
     Examples
     --------
     >>> from ssil_data.client.error_kinds import error_of_status

@@ -47,5 +47,11 @@ def read_pages(
 def read_table(
     connection: Connection, path: str, version: str, params: Mapping[str, Any] | None = None
 ) -> pa.Table:
-    """Read all pages of a table of one version of a dataset, as `read_pages` does."""
+    """Read all pages of a table of one version of a dataset.
+
+    Parameters
+    ----------
+    connection, path, version, params
+        See `read_pages`.
+    """
     return pa.concat_tables(list(read_pages(connection, path, version, params or {})))

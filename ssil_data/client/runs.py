@@ -15,7 +15,20 @@ from ssil_data.store.version_rule import check_version, select_version
 
 
 def run_path(dataset: str, run: str) -> str:
-    """Return the path of a run at the service; raises InvalidInputError for an impossible name."""
+    """Return the path of a run at the service.
+
+    Parameters
+    ----------
+    dataset
+        The dataset's name.
+    run
+        The run's name.
+
+    Raises
+    ------
+    InvalidInputError
+        For a name that no run can have.
+    """
     return f"v1/datasets/{dataset}/runs/{check_name('run', run)}"
 
 

@@ -23,7 +23,13 @@ IDEMPOTENCY = "Idempotency-Key"
 
 
 def encode(table: pa.Table) -> pa.Buffer:
-    """Return a table as an Arrow IPC stream."""
+    """Return a table as an Arrow IPC stream.
+
+    Parameters
+    ----------
+    table
+        Of any columns.
+    """
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema, options=_OPTIONS) as stream:
         stream.write_table(table)
@@ -34,6 +40,11 @@ def decode(body: bytes | pa.Buffer) -> pa.Table:
     """Return the table of an Arrow IPC stream.
 
     Only for bytes of a service that is trusted: a hostile stream can take any amount of memory.
+
+    Parameters
+    ----------
+    body
+        The stream.
 
     Raises
     ------
@@ -53,7 +64,13 @@ def decode(body: bytes | pa.Buffer) -> pa.Table:
 
 
 def rows_of_matrix(values: NDArray[Any]) -> pa.FixedSizeListArray:
-    """Return a matrix (n, w) as a column of n lists of w values each."""
+    """Return a matrix as a column of lists.
+
+    Parameters
+    ----------
+    values
+        (n, w).
+    """
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
     return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
@@ -87,12 +104,24 @@ def matrix_of_rows(column: pa.ChunkedArray, width: int | None = None) -> NDArray
 
 
 def states_table(states: NDArray[np.float32]) -> pa.Table:
-    """Return states (m, d) as the body of an LCoR or CoR query."""
+    """Return states as the body of an LCoR or CoR query.
+
+    Parameters
+    ----------
+    states
+        (m, d) in raw units.
+    """
     return pa.table({"state": rows_of_matrix(states)})
 
 
 def pairs_table(pairs: Pairs) -> pa.Table:
-    """Return pairs as a table of episode, step, state and action."""
+    """Return pairs as a table of episode, step, state and action.
+
+    Parameters
+    ----------
+    pairs
+        In raw units.
+    """
     return pa.table(
         {
             "episode": pairs.episode,
@@ -104,7 +133,13 @@ def pairs_table(pairs: Pairs) -> pa.Table:
 
 
 def pairs_of_table(table: pa.Table) -> Pairs:
-    """Return the pairs of a table of `pairs_table`."""
+    """Return the pairs of a table.
+
+    Parameters
+    ----------
+    table
+        As `pairs_table` makes it.
+    """
     return Pairs(
         states=matrix_of_rows(table["state"]),
         actions=matrix_of_rows(table["action"]),

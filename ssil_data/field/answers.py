@@ -62,7 +62,13 @@ class LCoR:
 
     @classmethod
     def of_sums(cls, sums: Sums) -> LCoR:
-        """Return exact values from the sums over all demonstration states."""
+        """Return exact values.
+
+        Parameters
+        ----------
+        sums:
+            Over all demonstration states.
+        """
         return cls(
             values=sums.values,
             effective_sample_size=sums.effective_sample_size,
@@ -74,7 +80,13 @@ class LCoR:
 
     @classmethod
     def of_estimate(cls, found: Estimate) -> LCoR:
-        """Return the values that a sample gave; it names no contributors."""
+        """Return the values that a sample gave; it names no contributors.
+
+        Parameters
+        ----------
+        found:
+            From a random part of the demonstration states.
+        """
         none = np.empty((len(found.values), 0))
         return cls(
             values=found.values,

@@ -80,7 +80,13 @@ class FieldEngine:
             raise InvalidInputError("states: expected at least one, found none")
 
     def is_made_of(self, states: Any, leverage: Any, labeled: Any) -> bool:
-        """Tell whether these very arrays, validated by this engine, are its own."""
+        """Tell whether arrays are the engine's own, so that they need no validation.
+
+        Parameters
+        ----------
+        states, leverage, labeled:
+            As a field has them; compared by identity, not by value.
+        """
         return states is self.states and leverage is self.leverage and labeled is self.labeled
 
     def references(self) -> References:
@@ -88,10 +94,10 @@ class FieldEngine:
         with self._lock:
             return self._references
 
-    def sampled(self) -> Sampled:
+    def sampler(self) -> Sampled:
         """Return the demonstrations ordered for sampling."""
         with self._lock:
-            return self._sampled
+            return self._sampler
 
     def moments(self) -> tuple[Moments, Moments]:
         """Return the moments of the labeled states and of all others, which make CoR.
@@ -102,13 +108,30 @@ class FieldEngine:
             return self._moments
 
     def deviation(self, alpha: float) -> float:
-        """Return the standard deviation of LCoR over the demonstration states, from a sample."""
+        """Return the standard deviation of LCoR over the demonstration states, from a sample.
+
+        Parameters
+        ----------
+        alpha:
+            The kernel's sharpness.
+        """
         chosen = np.random.default_rng(0).integers(len(self.states), size=_DEVIATION_QUERIES)
-        found = self.sampled().deviation(self._rows[chosen], alpha=alpha)
+        found = self.sampler().deviation(self._rows[chosen], alpha=alpha)
         return max(found, np.finfo(float).tiny)
 
     def standardize(self, states: ArrayLike) -> NDArray[np.float32]:
-        """Return queries (m, d) as the kernel takes them; raises InvalidInputError."""
+        """Return queries as the kernel takes them.
+
+        Parameters
+        ----------
+        states:
+            (m, d) in raw units.
+
+        Raises
+        ------
+        InvalidInputError
+            For another width, or values that are not finite.
+        """
         return self.standardizer(finite_matrix("states", states, width=self.states.shape[1]))
 
     @cached_property
@@ -116,7 +139,7 @@ class FieldEngine:
         return References(self._rows, self.leverage, device=self.device)
 
     @cached_property
-    def _sampled(self) -> Sampled:
+    def _sampler(self) -> Sampled:
         return Sampled(self._rows, self.leverage, self.references)
 
     @cached_property

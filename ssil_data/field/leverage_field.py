@@ -191,7 +191,7 @@ class LeverageField:
 
     def _estimate(self, queries: NDArray[np.float32], query: LCoRQuery) -> LCoR:
         """Return LCoR of standardized states from a random part of the demonstrations."""
-        sampled = self._engine.sampled()
+        sampled = self._engine.sampler()
         how: dict[str, Any] = {"alpha": self.alpha, "seed": query.seed, "threads": self.threads}
         if query.seconds is not None:
             return LCoR.of_estimate(sampled.estimate_in_time(queries, seconds=query.seconds, **how))

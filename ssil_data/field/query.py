@@ -128,6 +128,17 @@ class LCoROptions(TypedDict, total=False):
 
 
 def check_contributors(contributors: int) -> None:
-    """Raise InvalidInputError for a number of contributors that is negative."""
+    """Refuse a negative number of contributors.
+
+    Parameters
+    ----------
+    contributors:
+        How many are to be named.
+
+    Raises
+    ------
+    InvalidInputError
+        For a negative number.
+    """
     if contributors < 0:
         raise InvalidInputError(f"contributors: expected at least 0, found {contributors}")

@@ -41,8 +41,8 @@ def auto_alpha(standardized: NDArray[np.float32], *, share: float = 0.1, seed: i
     Examples
     --------
     >>> from ssil_data.field import auto_alpha
-    >>> states = np.random.default_rng(0).normal(size=(500, 3)).astype(np.float32)
-    >>> bool(auto_alpha(states, share=0.5) < auto_alpha(states, share=0.4))
+    >>> states = np.random.default_rng(0).normal(size=(500, 30)).astype(np.float32)
+    >>> auto_alpha(states, share=0.5) < auto_alpha(states, share=0.2)
     True
     """
     order = np.random.default_rng(seed).permutation(len(standardized))

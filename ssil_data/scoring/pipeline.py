@@ -45,7 +45,13 @@ class ServedDataset(Protocol):
         run: str | None = None,
         progress: Progress | None = None,
     ) -> Run:
-        """Do what `score` does, where the dataset is."""
+        """Do what `score` does, where the dataset is.
+
+        Parameters
+        ----------
+        recipe, seed, run, progress
+            See `score`.
+        """
         ...
 
     def rescore(
@@ -57,7 +63,13 @@ class ServedDataset(Protocol):
         run: str | None = None,
         progress: Progress | None = None,
     ) -> Run:
-        """Do what `rescore` does, where both datasets are."""
+        """Do what `rescore` does, where both datasets are.
+
+        Parameters
+        ----------
+        source, source_run, run, progress
+            See `rescore`.
+        """
         ...
 
 
@@ -116,7 +128,7 @@ def score(
     report = progress or _ignore_progress
     if run is not None:
         dataset.runs.check_unused(run)
-    labeled, held_out = _labeled_pairs(dataset, recipe.scale, seed)
+    labeled, held_out = _read_labeled(dataset, recipe.scale, seed)
     report("fit", 0, 1)
     fitted = recipe.estimator.fit(labeled, seed=seed)
     report("fit", 1, 1)
@@ -214,7 +226,7 @@ def rescore(
     )
 
 
-def _labeled_pairs(dataset: Dataset, scale: Scale, seed: int) -> tuple[Pairs, Pairs | None]:
+def _read_labeled(dataset: Dataset, scale: Scale, seed: int) -> tuple[Pairs, Pairs | None]:
     """Read the labeled pairs to fit on and, for a conformal scale, those to calibrate on."""
     labeled = dataset.labeled()
     if isinstance(scale, Conformal):
