@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 from ssil_data.client import RemoteStore, RetryPolicy, connect
 from ssil_data.commands.output import StoreLocation
-from ssil_data.store import Store
+from ssil_data.surface import DatasetLike, StoreLike
 
 API_KEY_VARIABLE = "SSIL_API_KEY"
 """Environment variable with the key for a service at a URL."""
@@ -37,7 +37,7 @@ SERVICE_PACKAGES = frozenset(
 
 
 @contextmanager
-def open_store(location: StoreLocation, service: str | None) -> Iterator[Store | RemoteStore]:
+def open_store(location: StoreLocation, service: str | None) -> Iterator[StoreLike[DatasetLike]]:
     """Open the store through a service: the one at a URL, or an embedded one.
 
     Parameters
@@ -52,8 +52,8 @@ def open_store(location: StoreLocation, service: str | None) -> Iterator[Store |
 
     Yields
     ------
-    Store or RemoteStore
-        The same surface and the same numbers either way.
+    StoreLike
+        The same methods and the same numbers either way.
 
     Raises
     ------

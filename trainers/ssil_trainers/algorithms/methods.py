@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField, auto_alpha
+from ssil_data.surface import FieldLike
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.policy import ActionBox
 from ssil_trainers.algorithms.rewards import (
-    Field,
     Shaping,
     constraint_reward,
     leverage_constraint_reward,
@@ -76,7 +76,7 @@ class Demonstrations:
     actions: NDArray[np.float32]
     labeled: NDArray[np.bool_]
     leverage: NDArray[np.float32] | None = None
-    field: Field | None = None
+    field: FieldLike | None = None
     threads: int | None = None
 
     def __post_init__(self) -> None:

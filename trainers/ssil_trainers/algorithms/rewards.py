@@ -3,39 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+
+from ssil_data.surface import FieldLike
 
 Shaping = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Maps states (n, d) in raw units to rewards (n,); higher is better."""
-
-
-class Answer(Protocol):
-    """What a field answers; values are (n,)."""
-
-    @property
-    def values(self) -> NDArray[np.floating]:
-        """LCoR of each state."""
-        ...
-
-
-class Field(Protocol):
-    """A leverage field, in this process or behind a service."""
-
-    @property
-    def alpha(self) -> float:
-        """The kernel's sharpness."""
-        ...
-
-    def lcor(self, states: ArrayLike, /) -> Answer:
-        """Return LCoR (equation 5) of states (n, d)."""
-        ...
-
-    def cor(self, states: ArrayLike, /) -> NDArray[np.floating]:
-        """Return CoR (equation 2) of states (n, d)."""
-        ...
 
 
 def zero_reward(states: NDArray[np.float32]) -> NDArray[np.floating]:
@@ -54,7 +29,7 @@ def zero_reward(states: NDArray[np.float32]) -> NDArray[np.floating]:
     return np.zeros(len(states))
 
 
-def leverage_constraint_reward(field: Field) -> Shaping:
+def leverage_constraint_reward(field: FieldLike) -> Shaping:
     """Return LCoR as a state reward: SSIL.
 
     LCoR of a state is the leverage of the demonstrations near it: close to 1 where experts drive,
@@ -79,7 +54,7 @@ def leverage_constraint_reward(field: Field) -> Shaping:
     return lambda states: field.lcor(states).values
 
 
-def constraint_reward(field: Field) -> Shaping:
+def constraint_reward(field: FieldLike) -> Shaping:
     """Return CoR as a state reward: MixGAIL.
 
     CoR of a state is the share of labeled demonstrations among those near it: close to 1 near the

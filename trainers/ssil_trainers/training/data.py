@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ssil_data.client import RemoteDataset
 from ssil_data.store.dataset import Dataset
+from ssil_data.surface import DatasetLike
 from ssil_trainers.algorithms.methods import Demonstrations
 
 
@@ -41,7 +41,7 @@ class TrainingData:
 
     @classmethod
     def read(
-        cls, dataset: Dataset | RemoteDataset, run: str | None, *, threads: int | None = None
+        cls, dataset: DatasetLike, run: str | None, *, threads: int | None = None
     ) -> TrainingData:
         """Read a dataset, and the leverage and the field of a scoring run on it.
 
@@ -78,7 +78,7 @@ class TrainingData:
         return cls(demonstrations, measure_expert_return(dataset), identity)
 
 
-def measure_expert_return(dataset: Dataset | RemoteDataset) -> float | None:
+def measure_expert_return(dataset: DatasetLike) -> float | None:
     """Return the expert's mean return, which makes a score of 1; for evaluation only.
 
     An episode's recorded score is its return over the expert's. The expert's return is therefore
