@@ -1,4 +1,4 @@
-"""A toy world for trainers: a point on a line must go to a goal that is elsewhere every time."""
+"""A toy environment: a point on a line must go to a goal, which is elsewhere in every episode."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class LineEnv(VectorEnv[Any, Any, Any]):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
         self.random = np.random.default_rng(seed)
-        self.state, self.step_number = self._start(self.num_envs), 0
+        self.state = self._start(self.num_envs)
+        self.step_number = 0
         return self.state.copy(), {}
 
     def step(self, actions: np.ndarray) -> tuple[Any, ...]:
@@ -44,7 +45,8 @@ class LineEnv(VectorEnv[Any, Any, Any]):
         info = {}
         if over.all():
             info = {"final_obs": self.state.copy()}
-            self.state, self.step_number = self._start(self.num_envs), 0
+            self.state = self._start(self.num_envs)
+            self.step_number = 0
         return self.state.copy(), reward, np.zeros(self.num_envs, bool), over, info
 
 
@@ -53,37 +55,40 @@ def expert(states: np.ndarray) -> np.ndarray:
     return np.clip(5 * (states[:, 1:] - states[:, :1]), -2, 2).astype(np.float32)
 
 
-def lost(states: np.ndarray) -> np.ndarray:
+def away_from_goal(states: np.ndarray) -> np.ndarray:
     """Go away from the goal."""
     return -expert(states)
 
 
-def mean_return(drive: Any, count: int = 200) -> float:
-    """The mean return of a driver from states (n, 2) to actions (n, 1)."""
-    env, total = LineEnv(count), 0.0
+def mean_return(policy: Any, count: int = 200) -> float:
+    """The mean return of a policy, which maps states (n, 2) to actions (n, 1)."""
+    env = LineEnv(count)
+    total = 0.0
     states, _ = env.reset(seed=7)
     for _ in range(STEPS):
-        states, reward, *_ = env.step(drive(states))
+        states, reward, *_ = env.step(policy(states))
         total += float(reward.mean())
     return total
 
 
 def demonstrations() -> Demonstrations:
-    """300 labeled pairs; unlabeled ones, 1,000 by the expert and 200 by one who is lost."""
-    drives = [_record(expert, 15, 0), _record(expert, 50, 1), _record(lost, 10, 2)]
-    states, actions = (np.concatenate(part) for part in zip(*drives, strict=True))
+    """300 labeled pairs; 1,000 unlabeled ones by the expert, and 200 that go away from the goal."""
+    runs = [_record(expert, 15, 0), _record(expert, 50, 1), _record(away_from_goal, 10, 2)]
+    states, actions = (np.concatenate(part) for part in zip(*runs, strict=True))
     row = np.arange(len(states))
     leverage = np.where(row < 1300, 0.9, 0.1).astype(np.float32)
     field = LeverageField(states, leverage, row < 300, Standardizer.of(states), alpha=20.0)
     return Demonstrations(states, actions, row < 300, leverage, field)
 
 
-def _record(drive: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    env, states, actions = LineEnv(count), [], []
+def _record(policy: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    env = LineEnv(count)
+    states = []
+    actions = []
     state, _ = env.reset(seed=seed)
     noise = np.random.default_rng(seed)
     for _ in range(STEPS):
-        action = drive(state) + noise.normal(0, 0.1, (count, 1)).astype(np.float32)
+        action = policy(state) + noise.normal(0, 0.1, (count, 1)).astype(np.float32)
         states.append(state)
         actions.append(action)
         state, *_ = env.step(action)

@@ -71,7 +71,7 @@ def test_every_method_solves_the_toy(method: str) -> None:
 
 
 def test_cloning_all_pairs_fails_where_some_go_away_from_the_goal() -> None:
-    assert mean_return(train_toy("clone-mixed").policy) < -7
+    assert mean_return(train_toy("clone-mixed").policy) < -10
 
 
 def test_a_constant_reward_learns_nothing_from_the_demonstrations() -> None:
@@ -92,17 +92,17 @@ def test_a_constant_reward_learns_nothing_from_the_demonstrations() -> None:
 
 
 @pytest.mark.parametrize(
-    "option",
+    ("option", "least"),
     [
-        {"centered": True},
-        {"gradient_penalty": 0.1},
-        {"spectral_norm": True},
-        {"pretrained": True, "steps": 5 * 16 * STEPS},
+        ({"centered": True}, -4),
+        ({"gradient_penalty": 0.1}, -4),
+        ({"spectral_norm": True}, -7),
+        ({"pretrained": True, "steps": 5 * 16 * STEPS}, -4.5),
     ],
-    ids=lambda option: next(iter(option)),
+    ids=["centered", "gradient_penalty", "spectral_norm", "pretrained"],
 )
-def test_ssil_solves_the_toy_with_every_option(option: dict) -> None:
-    assert mean_return(train_toy("ssil", replace(TOY, **option)).policy) > -7
+def test_ssil_solves_the_toy_with_every_option(option: dict[str, Any], least: float) -> None:
+    assert mean_return(train_toy("ssil", replace(TOY, **option)).policy) > least
 
 
 def test_gail_never_learns_a_value_of_the_shaping() -> None:

@@ -85,8 +85,8 @@ def test_mixgail_without_a_run_fits_its_own_kernel() -> None:
     alone = METHODS["mixgail"].shaping(replace(of, leverage=None, field=None), 0)
     fitted = of.make_field(of.leverage, auto_alpha(of.standardizer(of.states)))
     np.testing.assert_array_equal(alone(of.states[:50]), fitted.cor(of.states[:50]))
-    given = METHODS["mixgail"].shaping(of, 0)
-    np.testing.assert_array_equal(given(of.states[:50]), of.field.cor(of.states[:50]))
+    with_run = METHODS["mixgail"].shaping(of, 0)
+    np.testing.assert_array_equal(with_run(of.states[:50]), of.field.cor(of.states[:50]))
     assert not METHODS["mixgail"].requires_run and METHODS["mixgail"].uses_run
 
 

@@ -73,7 +73,7 @@ def test_every_step_is_kept_with_the_state_it_led_to_also_at_an_end() -> None:
     assert collector.collect(still(envs), np.zeros((1, 2, 1), np.float32)).states[0, 0, 0] == 102
 
 
-def test_actions_are_drawn_around_the_mean_and_clipped_before_they_are_driven() -> None:
+def test_actions_are_sampled_around_the_mean_and_clipped_before_they_are_taken() -> None:
     envs = counters()
     collector = RolloutCollector(envs)
     collector.reset(seed=1)
@@ -83,8 +83,8 @@ def test_actions_are_drawn_around_the_mean_and_clipped_before_they_are_driven() 
         rollout.sampled_actions[..., 0], [[0.7, -8.5], [-0.2, 9.5]], rtol=1e-6
     )
     np.testing.assert_allclose(rollout.actions[..., 0], [[0.7, -1], [-0.2, 1]], rtol=1e-6)
-    driven = envs.get_attr("actions")
-    np.testing.assert_allclose(driven, [[2.1, -0.6], [-3, 3]], rtol=1e-5)
+    taken = envs.get_attr("actions")
+    np.testing.assert_allclose(taken, [[2.1, -0.6], [-3, 3]], rtol=1e-5)
 
 
 def test_returns_count_the_first_episode_of_every_environment() -> None:
@@ -133,18 +133,18 @@ def test_a_state_or_reward_that_is_not_finite_is_refused_at_once(what: str) -> N
         makers = [lambda: Counter(3, terminates=True), lambda: Broken(what)]
         return SyncVectorEnv(makers, autoreset_mode=AutoresetMode.SAME_STEP)
 
-    driven = envs()
-    collector = RolloutCollector(driven)
+    broken = envs()
+    collector = RolloutCollector(broken)
     collector.reset(seed=1)
     noise = np.zeros((9, 2, 1), np.float32)
     if what == "reward":
-        assert collector.collect(still(driven), noise).ended.any()
+        assert collector.collect(still(broken), noise).ended.any()
     else:
         with pytest.raises(
             InvalidInputError, match=r"environment: expected finite states, found nan"
         ):
-            collector.collect(still(driven), noise)
-        assert driven.get_attr("steps")[0] == (2 if what == "state" else 0)
+            collector.collect(still(broken), noise)
+        assert broken.get_attr("steps")[0] == (2 if what == "state" else 0)
     if what != "last":
         with pytest.raises(InvalidInputError, match=f"expected finite {what}s, found (nan|inf)"):
             measure_returns(still(envs()), envs(), seed=1)

@@ -28,7 +28,7 @@ def policy(seed: int = 0, *, hidden: int = 16) -> PolicyNetwork:
 
 
 def batch(of: PolicyNetwork, count: int = 256) -> tuple[Tensor, Tensor, Tensor]:
-    """States, actions drawn from the policy, and advantages that want the first action higher."""
+    """States, actions sampled from the policy, and advantages that favor a higher first action."""
     random = torch.Generator().manual_seed(3)
     states = torch.randn(count, 3, generator=random)
     now = of(states).detach()
@@ -203,21 +203,22 @@ def test_the_rows_of_a_share_are_of_every_environment_and_every_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """64 steps of 32 environments lie row by row: every fourth row would be of eight of them."""
-    of, seen = policy(), []
+    of = policy()
+    batches = []
     _, actions, advantages = batch(of, 64 * 32)
     step, environment = np.divmod(np.arange(64 * 32, dtype=np.float32), 32)
     states = torch.from_numpy(np.stack([step, environment, 0 * step], axis=1))
 
     def watched(policy: Any, states: Tensor, *, damping: float) -> Any:
-        seen.append(states)
+        batches.append(states)
         return fisher_product(policy, states, damping=damping)
 
     monkeypatch.setattr(trpo, "fisher_product", watched)
     for _ in range(2):
         TrustRegion(fisher_share=0.25).step(of, states, actions, advantages)
-    assert torch.equal(*seen)
-    assert len(seen[0]) == len(seen[0].unique(dim=0)) == 64 * 8
+    assert torch.equal(*batches)
+    assert len(batches[0]) == len(batches[0].unique(dim=0)) == 64 * 8
     for column, count in ((0, 64), (1, 32)):
-        counts = seen[0][:, column].unique(return_counts=True)[1]
+        counts = batches[0][:, column].unique(return_counts=True)[1]
         assert len(counts) == count
         assert counts.max() < 2.5 * 64 * 8 / count

@@ -101,7 +101,7 @@ def test_a_setting_that_a_method_does_not_have_leaves_its_cells_as_they_are(smal
     assert all(task.read_result() is not None for task in clone)
 
 
-def test_what_does_not_depend_on_labels_is_run_once_and_stands_beside_all(small: Plan):
+def test_a_row_that_does_not_depend_on_labels_is_run_once_and_shown_for_all(small: Plan):
     rows = done(small).rows(small.tables[0])
     constant = [row for row in rows if row["method"] == "constant"]
     assert [row["labels"] for row in constant] == [40, 80]
@@ -129,16 +129,23 @@ def test_tables_are_written_as_csv_with_settings_and_versions(small: Plan):
         assert str(small.output) not in (small.output / name).read_text()
 
 
-def test_the_page_has_every_table_and_asks_no_network_for_anything(small: Plan):
+def test_the_page_has_every_table_and_loads_nothing_from_a_network(small: Plan):
     html = (small.output / "index.html").read_text()
-    for title in ("Table I: swings", "Table II", "Ledger", "Controls", "SSIL (VAE)", "discount"):
+    for title in (
+        "Table I: swings",
+        "Table II",
+        "Claims of the paper",
+        "Controls",
+        "SSIL (VAE)",
+        "discount",
+    ):
         assert title in html
-    seen = html.split("<script>")[0]
-    assert not re.search(r"<(link|img|iframe|base|object|embed)\b", seen)
-    assert set(re.findall(r'(?:src|href|action)="([^"]*)"', seen)) == {
+    content = html.split("<script>")[0]
+    assert not re.search(r"<(link|img|iframe|base|object|embed)\b", content)
+    assert set(re.findall(r'(?:src|href|action)="([^"]*)"', content)) == {
         "#swings",
         "#leverage",
-        "#ledger",
+        "#claims",
         "#controls",
         "#settings",
     }
@@ -158,8 +165,9 @@ def test_every_chart_draws_a_panel_for_each_number_of_labels(small: Plan):
             assert f">{text}</text>" in svg
 
 
-def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
-    before, children = os.environ.get("OMP_NUM_THREADS"), []
+def test_workers_have_one_thread_and_are_stopped_by_ctrl_c():
+    before = os.environ.get("OMP_NUM_THREADS")
+    children = []
     with pytest.raises(KeyboardInterrupt), open_pool(1) as executor:
         assert executor.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
         assert executor.submit(torch.get_num_threads).result() == 1
@@ -175,13 +183,15 @@ def test_workers_have_one_thread_and_are_broken_off_by_a_stop():
 
 def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_track():
     for test in RC_LIDAR.tests:
-        world = make_single(test)
-        expert = PurePursuit(cast(RCLidarEnv, world.unwrapped), ahead=RCSettings().ahead)
-        state, _ = world.reset(seed=FIRST_TEST_SEED)
-        total, ended = 0.0, False
+        env = make_single(test)
+        expert = PurePursuit(cast(RCLidarEnv, env.unwrapped), ahead=RCSettings().ahead)
+        state, _ = env.reset(seed=FIRST_TEST_SEED)
+        total = 0.0
+        ended = False
         while not ended:
-            state, reward, terminated, truncated, _ = world.step(expert(state))
-            total, ended = total + float(reward), terminated or truncated
+            state, reward, terminated, truncated, _ = env.step(expert(state))
+            total += float(reward)
+            ended = terminated or truncated
         assert total == RC_LIDAR.full_score
 
 
@@ -197,7 +207,7 @@ def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_trac
         (["--methods", "magic"], "methods: expected some of"),
     ],
 )
-def test_what_cannot_be_run_is_refused(
+def test_settings_that_cannot_be_run_are_refused(
     words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     with pytest.raises(SystemExit) as left:
@@ -223,7 +233,7 @@ def planned(words: list[str], monkeypatch: pytest.MonkeyPatch) -> Plan:
     return plans[0]
 
 
-def test_three_seeds_are_run_that_no_setting_was_chosen_by(monkeypatch: pytest.MonkeyPatch):
+def test_the_default_seeds_are_three_that_no_setting_was_chosen_by(monkeypatch: pytest.MonkeyPatch):
     assert planned([], monkeypatch).seeds == (300, 301, 302)
     assert planned(["--first-seed", "7", "--seeds", "2"], monkeypatch).seeds == (7, 8)
 
@@ -256,7 +266,7 @@ def test_only_the_whole_run_goes_where_its_result_is_kept(
         assert planned(whole, monkeypatch).output == Path("docs/reproduction")
 
 
-def test_only_the_labels_and_methods_asked_for_are_run(monkeypatch: pytest.MonkeyPatch):
+def test_only_the_chosen_labels_and_methods_are_run(monkeypatch: pytest.MonkeyPatch):
     words = ["--table", "racetrack", "--labels", "300", "--methods", "ssil", "--methods", "gail"]
     (table,) = planned(words, monkeypatch).tables
     assert (table.name, table.labels) == ("racetrack", (300,))

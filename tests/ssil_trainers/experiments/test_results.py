@@ -74,7 +74,7 @@ def test_estimators_and_tables_are_not_mixed_up():
     assert results.scores(RC_LIDAR, vae, 100).tolist() == []
 
 
-def test_the_ledger_judges_a_rise_by_the_papers_scale():
+def test_a_rise_of_leverage_is_judged_by_the_papers_scale():
     rising, falling = [0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]
     results = Results([leverage("default", 0, falling), leverage("paper", 0, rising)])
     np.testing.assert_array_equal(results.numbers([]).tiers["vae"], [rising])

@@ -1,4 +1,4 @@
-"""The rules on numbers made by hand, and the paper's claims beside its own tables."""
+"""The rules on numbers made by hand, and the paper's claims against its own tables."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_an_ordering_names_the_numbers_it_was_judged_by():
     assert "100%" in found.by and "less than claimed" in found.by
 
 
-def test_what_was_not_run_is_not_judged():
+def test_a_row_that_was_not_run_is_not_judged():
     found = Exceeds("t", 100, "a", "missing")(numbers(HIGH, LOW))
     assert found.verdict is Verdict.NOT_JUDGED
     assert "found 0" in found.by
@@ -163,7 +163,7 @@ def test_differences_below_the_margin_are_ties_whatever_their_support():
     assert Steadier("t", 100, "a", "b")(numbers(steady, less)).by.endswith("tie")
 
 
-def test_a_size_beyond_the_highest_score_of_the_table_is_told_and_changes_no_verdict():
+def test_a_factor_beyond_the_highest_score_of_the_table_is_noted_and_changes_no_verdict():
     rule = Exceeds("t", 100, "a", "b", 3.0)
     found = rule(numbers(HIGH, LOW))
     assert found.by.endswith("ceiling: as much would be 1.500, the highest score is 1.020")
@@ -185,13 +185,14 @@ def test_chance_makes_verdicts_about_equal_methods_in_a_share_that_seeds_decide(
 
 
 def test_chance_makes_as_many_verdicts_as_the_rule_itself_of_scores_drawn_alike():
-    rng, told = np.random.default_rng(5), 0
+    rng = np.random.default_rng(5)
+    verdicts = 0
     for _ in range(300):
         found = Exceeds("t", 100, "a", "b")(numbers(*rng.normal(size=(2, 3)).tolist()))
-        told += found.verdict is not Verdict.NOT_REPRODUCED
+        verdicts += found.verdict is not Verdict.NOT_REPRODUCED
     expected = verdicts_by_chance(3)
     assert expected is not None
-    assert told / 300 == pytest.approx(expected.means, abs=0.07)
+    assert verdicts / 300 == pytest.approx(expected.means, abs=0.07)
 
 
 def test_a_claim_that_the_papers_table_denies_has_a_note():

@@ -1,4 +1,4 @@
-"""Training asks the same bits of a service at an address, of one inside, and of the store."""
+"""Training gives the same bits through a service at a URL, an embedded one, and from the store."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ KEY = "reads-and-asks-only"
 
 
 @pytest.fixture(scope="module")
-def laid(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def toy_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """A store with the toy's demonstrations, and a run on them."""
     store, of = Store(tmp_path_factory.mktemp("through") / "store"), demonstrations()
     episodes = [
@@ -69,8 +69,8 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 
 @pytest.fixture(scope="module")
-def server(laid: Store) -> Iterator[Server]:
-    server = launch(laid.folder.uri)
+def server(toy_store: Store) -> Iterator[Server]:
+    server = launch(toy_store.folder.uri)
     yield server
     server.kill()
 
@@ -95,19 +95,19 @@ def undisturbed(store: Store, folder: Path) -> list[bytes]:
     return files(folder)
 
 
-def test_one_thread_is_one_thread_for_every_field(laid: Store) -> None:
+def test_one_thread_is_one_thread_for_every_field(toy_store: Store) -> None:
     for threads in (1, None):
-        of = TrainingData.read(laid["toy"], "vae", threads=threads).demonstrations
+        of = TrainingData.read(toy_store["toy"], "vae", threads=threads).demonstrations
         for field in (of.field, of.make_field(of.leverage, 1.0)):
             assert isinstance(field, LeverageField) and field.threads == threads
 
 
 @pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled"])
 def test_rewards_and_policies_are_the_same_three_ways(
-    laid: Store, server: Server, tmp_path: Path, method: str
+    toy_store: Store, server: Server, tmp_path: Path, method: str
 ) -> None:
-    place = StoreLocation(laid.folder.uri)
-    data = {"store": TrainingData.read(laid["toy"], "vae", threads=1)}
+    place = StoreLocation(toy_store.folder.uri)
+    data = {"store": TrainingData.read(toy_store["toy"], "vae", threads=1)}
     with open_store(place, None) as embedded, open_store(place, server.url) as remote:
         data["embedded"] = TrainingData.read(embedded["toy"], "vae")
         data["remote"] = TrainingData.read(remote["toy"], "vae")
@@ -123,44 +123,47 @@ def test_rewards_and_policies_are_the_same_three_ways(
     assert others == [first, first]
 
 
-def test_without_an_address_the_command_asks_a_service_inside(
-    laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_without_a_url_the_command_embeds_a_service(
+    toy_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It leaves nothing in the store, needs no key, and may be missing."""
+    """It leaves nothing in the store, needs no key, and may not be installed."""
     monkeypatch.setenv("SSIL_READ_KEY", KEY)
     monkeypatch.setenv("SSIL_STATE", str(tmp_path / "state"))
-    before = sorted(Path(laid.folder.uri).iterdir())
-    with open_store(StoreLocation(laid.folder.uri), None) as store:
+    before = sorted(Path(toy_store.folder.uri).iterdir())
+    with open_store(StoreLocation(toy_store.folder.uri), None) as store:
         assert type(store).__name__ == "RemoteStore"
-        assert store["toy"].version == laid["toy"].version
-    assert sorted(Path(laid.folder.uri).iterdir()) == before
+        assert store["toy"].version == toy_store["toy"].version
+    assert sorted(Path(toy_store.folder.uri).iterdir()) == before
     assert not (tmp_path / "state").exists()
     monkeypatch.setitem(sys.modules, "ssil_service", None)
-    with open_store(StoreLocation(laid.folder.uri), None) as store:
+    with open_store(StoreLocation(toy_store.folder.uri), None) as store:
         assert isinstance(store, Store)
 
 
 def test_a_service_killed_in_the_middle_and_restarted_only_delays(
-    laid: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    toy_store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    expected = undisturbed(laid, tmp_path / "alone")
-    servers = [launch(laid.folder.uri)]
+    expected = undisturbed(toy_store, tmp_path / "alone")
+    servers = [launch(toy_store.folder.uri)]
     port, killed = int(servers[0].url.rpartition(":")[2]), Event()
 
     def restart() -> None:
         killed.wait()
         time.sleep(1.5)
-        servers.append(launch(laid.folder.uri, port=port))
+        servers.append(launch(toy_store.folder.uri, port=port))
 
-    def kill(moment: HistoryRow) -> None:
-        if moment.steps == SETTINGS.steps // 2:
+    def kill(row: HistoryRow) -> None:
+        if row.steps == SETTINGS.steps // 2:
             servers[0].kill()
             killed.set()
 
     thread = Thread(target=restart)
     thread.start()
     try:
-        with open_store(StoreLocation(laid.folder.uri), servers[0].url) as store:
+        with open_store(StoreLocation(toy_store.folder.uri), servers[0].url) as store:
             train_toy(TrainingData.read(store["toy"], "vae"), tmp_path / "cut", callback=kill)
     finally:
         killed.set()
@@ -169,21 +172,23 @@ def test_a_service_killed_in_the_middle_and_restarted_only_delays(
             each.kill()
     assert files(tmp_path / "cut") == expected
     assert len(servers) == 2
-    told = capsys.readouterr().err
-    assert told.count(f"Waiting for {servers[0].url}") == 1
+    printed = capsys.readouterr().err
+    assert printed.count(f"Waiting for {servers[0].url}") == 1
 
 
 class Troubled(httpx.BaseTransport):
-    """A service that is busy, loses answers after it computed them, or is away for a moment."""
+    """A service that is busy, loses answers after computing them, or cannot be reached."""
 
     def __init__(self, inner: httpx.BaseTransport) -> None:
-        self.inner, self.asked, self.troubles = inner, 0, 0
+        self.inner = inner
+        self.queries = 0
+        self.troubles = 0
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
         if not request.url.path.endswith("lcor"):
             return self.inner.handle_request(request)
-        self.asked += 1
-        trouble = {1: self._busy, 2: self._lost, 3: self._away}.get(self.asked % 4)
+        self.queries += 1
+        trouble = {1: self._busy, 2: self._lost, 3: self._away}.get(self.queries % 4)
         if trouble is None:
             return self.inner.handle_request(request)
         self.troubles += 1
@@ -203,15 +208,15 @@ class Troubled(httpx.BaseTransport):
         self.inner.close()
 
 
-def test_a_busy_service_and_lost_answers_only_delay(laid: Store, tmp_path: Path) -> None:
-    expected = undisturbed(laid, tmp_path / "alone")
-    app = create_app(read_settings(store=laid.folder.uri, state=tmp_path / "state"))
+def test_a_busy_service_and_lost_answers_only_delay(toy_store: Store, tmp_path: Path) -> None:
+    expected = undisturbed(toy_store, tmp_path / "alone")
+    app = create_app(read_settings(store=toy_store.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
     quick = RetryPolicy(first=0.001, longest=0.002, total=5.0)
     with connect("http://localhost", transport=troubled, retry=quick) as store:
         train_toy(TrainingData.read(store["toy"], "vae"), tmp_path / "cut")
     assert files(tmp_path / "cut") == expected
-    assert (troubled.asked, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
+    assert (troubled.queries, troubled.troubles) == (4 * ITERATIONS, 3 * ITERATIONS)
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
@@ -222,13 +227,13 @@ def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
-    laid: Store,
+    toy_store: Store,
     server: Server,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    gone = launch(laid.folder.uri, environment={"SSIL_READ_KEY": KEY})
+    gone = launch(toy_store.folder.uri, environment={"SSIL_READ_KEY": KEY})
     monkeypatch.setattr(serving, "CONNECT_TIMEOUT", 0.3)
     monkeypatch.setattr(serving, "RETRY_TIMEOUT", 0.3)
     monkeypatch.setattr(command, "make_vectorized", lambda env, count: LineEnv(count))
@@ -251,10 +256,10 @@ def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
     monkeypatch.setattr(TrainRun, "train", stop_service_after(5))
     assert "key:" in refusal(capsys, *words, "--service", gone.url)
     monkeypatch.setenv(serving.API_KEY_VARIABLE, KEY)
-    told = refusal(capsys, *words, "--service", gone.url)
-    assert "--resume goes on" in told and str(tmp_path / "out") in told
-    told = refusal(capsys, *words, "--resume", "--service", gone.url)
-    assert f"no answer from {gone.url}" in told
+    message = refusal(capsys, *words, "--service", gone.url)
+    assert "--resume goes on" in message and str(tmp_path / "out") in message
+    message = refusal(capsys, *words, "--resume", "--service", gone.url)
+    assert f"no answer from {gone.url}" in message
 
     monkeypatch.setattr(TrainRun, "train", whole_run)
     monkeypatch.delenv(serving.API_KEY_VARIABLE)

@@ -1,1 +1,1 @@
-"""The paper's tables, run again: cells, their statistics, the ledger of claims, one page."""
+"""The paper's tables, run again: cells, their statistics, verdicts on the claims, one page."""

@@ -24,8 +24,9 @@ _PACKAGES = (
     "gymnasium",
     "highway-env",
     "gpytorch",
+    "scipy",
 )
-_LIBRARY = (
+LIBRARY_FILES = (
     "*.py",
     "estimators/**/*.py",
     "field/*.py",
@@ -33,7 +34,7 @@ _LIBRARY = (
     "scoring/*.py",
     "store/*.py",
 )
-_TRAINERS = (
+TRAINER_FILES = (
     "algorithms/*.py",
     "envs/**/*.py",
     "training/*.py",
@@ -57,7 +58,7 @@ def code_digest() -> str:
     Files that only show results, or that collect demonstrations, are left out.
     """
     digest = hashlib.sha256()
-    for package, patterns in ((ssil_data, _LIBRARY), (ssil_trainers, _TRAINERS)):
+    for package, patterns in ((ssil_data, LIBRARY_FILES), (ssil_trainers, TRAINER_FILES)):
         folder = Path(next(iter(package.__path__)))
         for path in computing_files(folder, patterns):
             digest.update(path.relative_to(folder).as_posix().encode())

@@ -186,9 +186,10 @@ def interval(strata: Sequence[ArrayLike]) -> tuple[float, float]:
     >>> interval([[0.0, 0.0], [1.0, 1.0]])
     (0.5, 0.5)
     """
-    drawn = np.concatenate([resample(stratum, seed) for seed, stratum in enumerate(strata)], 1)
+    resamples = [resample(stratum, seed) for seed, stratum in enumerate(strata)]
     tail = (1 - INTERVAL) / 2
-    low, high = np.quantile(_interquartile_means(drawn), [tail, 1 - tail])
+    means = _interquartile_means(np.concatenate(resamples, axis=1))
+    low, high = np.quantile(means, [tail, 1 - tail])
     return float(low), float(high)
 
 

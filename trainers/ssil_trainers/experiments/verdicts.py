@@ -4,7 +4,7 @@ A direction has support if it holds in 95 % of bootstrap resamples of the seeds.
 reproduced if its direction has support, contradicted if the opposite direction has, and not
 reproduced otherwise. A difference below .01 of the expert's score is a tie, whatever its support,
 and counts as not reproduced. Fewer than three seeds are not judged. The bootstrap of few seeds is
-generous: `verdicts_by_chance` tells how often equally good methods get a verdict all the same.
+generous: `verdicts_by_chance` simulates how often equally good methods get a verdict all the same.
 """
 
 from __future__ import annotations
