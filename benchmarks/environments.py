@@ -3,7 +3,7 @@
 Every row drives in turns with the others, round by round; only resets and steps are timed, in
 processor time, with one thread. Steps count cars: a step of 64 cars is 64. The table gives medians
 and the ratio to each peer of the same world. Then: how long a fresh process takes to its first
-state, with the compiled code made anew and with it kept from before.
+state, with the code compiled anew and with the compiled code on disk.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from rivals.plain_racetrack import PlainRacetrack
-from rivals.raycast import many_scans, poses, scanners
+from rivals.raycast import draw_poses, find_scanners, scan_many
 
 import ssil_trainers.envs  # noqa: F401  registers the ids
 
 ROUNDS = 9
 SECONDS = 0.4
 """Processor time of a row in one round."""
-MANY = "our rays, centre line, 2,000 scans in one call"
+MANY = "our rays, center line, 2,000 scans in one call"
 
 Driver = Callable[[np.ndarray], np.ndarray]
 """From states (n, d) to actions (n, k); its time does not count."""
@@ -57,7 +57,8 @@ class Row:
 
     def rate(self, seconds: float) -> float:
         """Drive for so many seconds of processor time; return the steps a second."""
-        steps, spent = 0, 0.0
+        steps = 0
+        spent = 0.0
         while spent < seconds:
             actions = self.driver(np.atleast_2d(self.state))
             actions = actions if self.cars else actions[0]
@@ -89,7 +90,7 @@ def racetrack() -> World:
         make = partial(
             gymnasium.make_vec, "SSILRacetrack-v0", cars, autoreset_mode=AutoresetMode.SAME_STEP
         )
-        return Row(f"twin, {cars:,} cars", make, careful, cars)
+        return Row(f"twin, {cars:,} cars", make, drive_carefully, cars)
 
     return World(
         "racetrack, default track, 10 Hz",
@@ -97,8 +98,8 @@ def racetrack() -> World:
             twin(1),
             twin(64),
             twin(1_024),
-            Row("real environment", _single, careful),
-            Row("real, rays by plain NumPy", PlainRacetrack, careful),
+            Row("real environment", _single, drive_carefully),
+            Row("real, rays by plain NumPy", PlainRacetrack, drive_carefully),
             Row("racetrack-v1 as it comes", partial(gymnasium.make, "racetrack-v1"), _drift),
         ],
         ["real environment", "real, rays by plain NumPy"],
@@ -125,29 +126,32 @@ def rc_lidar() -> World:
 
 
 def _aim(states: np.ndarray) -> np.ndarray:
-    """Steer to the side where the beams reach farther, with a trembling hand that ends laps."""
-    left, right = states[:, 11:15].mean(axis=1), states[:, 4:8].mean(axis=1)
-    steering = 3 * (left - right) + _HAND.normal(scale=0.1, size=len(states))
+    """Steer to the side where the beams reach farther, with some noise, which ends laps."""
+    left = states[:, 11:15].mean(axis=1)
+    right = states[:, 4:8].mean(axis=1)
+    steering = 3 * (left - right) + _NOISE.normal(scale=0.1, size=len(states))
     return steering[:, None].astype(np.float32)
 
 
-def careful(states: np.ndarray) -> np.ndarray:
-    """Hold the middle and brake for curves, with a trembling hand that ends some episodes."""
-    heading, offset, speed = states[:, 19], states[:, 20], 20 * states[:, 21]
+def drive_carefully(states: np.ndarray) -> np.ndarray:
+    """Keep to the middle and brake for curves, with some noise, which ends some episodes."""
+    heading = states[:, 19]
+    offset = states[:, 20]
+    speed = 20 * states[:, 21]
     slip = np.arcsin(np.clip(2.5 * states[:, 26] / 20, -0.9, 0.9))
     curve = np.arctan(2 * np.tan(slip)) / (np.pi / 4)
     tightest = np.abs(states[:, 26:]).max(axis=1) / 20
     wanted = np.minimum(19.0, np.sqrt(6 / np.maximum(tightest, 1e-3)))
     steering = curve - (heading + 0.25 * offset) * 10 / np.maximum(speed, 5.0)
     actions = np.stack([(wanted - speed) / 2, steering], axis=1)
-    return (actions + _HAND.normal(scale=0.3, size=actions.shape)).astype(np.float32)
+    return (actions + _NOISE.normal(scale=0.3, size=actions.shape)).astype(np.float32)
 
 
-_HAND = np.random.default_rng(0)
+_NOISE = np.random.default_rng(0)
 
 
 def _drift(states: np.ndarray) -> np.ndarray:
-    return _HAND.uniform(-0.1, 0.1, (1, 1)).astype(np.float32)
+    return _NOISE.uniform(-0.1, 0.1, (1, 1)).astype(np.float32)
 
 
 def _single() -> gymnasium.Env[Any, Any]:
@@ -170,7 +174,8 @@ def print_speeds(world: World) -> None:
 
 def print_scans() -> None:
     """Print the microseconds of one scan of 19 beams: one call for each, and many in one call."""
-    places, ways = poses(), scanners()
+    places = draw_poses()
+    ways = find_scanners()
     spent: dict[str, list[float]] = {name: [] for name in [*ways, MANY]}
     for scan in ways.values():
         scan(places[0])
@@ -181,7 +186,7 @@ def print_scans() -> None:
                 scan(place)
             spent[name].append(1e6 * (time.process_time() - begin) / len(places))
         begin = time.process_time()
-        many_scans(places)
+        scan_many(places)
         spent[MANY].append(1e6 * (time.process_time() - begin) / len(places))
     print(
         "one scan of 19 beams, training track, reach 10 m, µs: "
@@ -198,12 +203,12 @@ def print_starts(env_id: str) -> None:
     )
     with tempfile.TemporaryDirectory() as cache:
         place = os.environ | {"NUMBA_CACHE_DIR": cache}
-        new, *kept = (
+        first, *later = (
             float(subprocess.check_output([sys.executable, "-c", begin_to_state], env=place))
             for _ in range(4)
         )
-    kept_median = statistics.median(kept)
-    print(f"{env_id}: {new:.1f} s to the first state, compiled anew; {kept_median:.1f} s after")
+    median = statistics.median(later)
+    print(f"{env_id}: {first:.1f} s to the first state, compiled anew; {median:.1f} s after")
 
 
 def main() -> None:

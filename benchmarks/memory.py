@@ -25,9 +25,10 @@ from ssil_data.store.folder import Folder
 TIMES = (1, 10, 40)
 
 
-def repeated(dataset: Dataset, times: int) -> Iterator[Episode]:
-    """Go through the episodes of a dataset several times."""
-    pairs, labeled = dataset.pairs(), dataset.episodes["labeled"].to_pylist()
+def repeat_episodes(dataset: Dataset, times: int) -> Iterator[Episode]:
+    """Yield the episodes of a dataset several times over."""
+    pairs = dataset.pairs()
+    labeled = dataset.episodes["labeled"].to_pylist()
     stops = np.cumsum(dataset.episodes["length"].to_numpy())
     for _ in range(times):
         for stop, length, known in zip(
@@ -38,10 +39,10 @@ def repeated(dataset: Dataset, times: int) -> Iterator[Episode]:
 
 
 def create(store: Store, dataset: Dataset, times: int) -> Dataset:
-    """Write a dataset several times over, as x1, x10, …"""
+    """Store a dataset that has the episodes of another several times, as x1, x10, …"""
     return store.create(
         f"x{times}",
-        repeated(dataset, times),
+        repeat_episodes(dataset, times),
         state_names=dataset.state_names,
         action_names=dataset.action_names,
     )
@@ -52,7 +53,8 @@ def main() -> None:
     racetrack = Store(Path(__file__).parents[1] / "datasets")["racetrack"]
     width = len(racetrack.state_names) + len(racetrack.action_names)
     with tempfile.TemporaryDirectory() as folder:
-        store, least = Store(folder), 0.0
+        store = Store(folder)
+        least = 0.0
         small = create(store, racetrack, 1)
         score(small, VAE(), run="vae")
         columns = ("pairs", "set, MiB", "peak, MiB", "more, MiB", "bytes/pair")
@@ -71,7 +73,7 @@ def main() -> None:
             )
 
 
-def measured(folder: str, name: str) -> None:
+def measure_peak(folder: str, name: str) -> None:
     """Score one dataset in this process and print the peak of its memory in KiB."""
     rescore(Dataset(Folder(folder) / name), Dataset(Folder(folder) / "x1"), "vae")
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
@@ -79,6 +81,6 @@ def measured(folder: str, name: str) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        measured(*sys.argv[1:])
+        measure_peak(*sys.argv[1:])
     else:
         main()

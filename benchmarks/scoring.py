@@ -29,7 +29,7 @@ ROUNDS = 7
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Time one call."""
+    """Return how long one call takes."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
@@ -58,11 +58,12 @@ def main() -> None:
 
 
 def print_row(kind: str, dataset: Dataset, run: str, pairs: Pairs, folder: Path) -> None:
-    """Measure one estimator."""
-
+    """Measure one estimator and print its row."""
     fitted: Fitted = dataset.model(run).estimator
     values = dataset.runs.values(run).cast(VALUES)
-    whole, files, forward = [], [], []
+    whole = []
+    files = []
+    forward = []
     for _ in range(ROUNDS):
         files.append(seconds(lambda: read_and_write(dataset, values, folder)))
         forward.append(seconds(lambda: fitted.uncertainty(pairs)))

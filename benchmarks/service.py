@@ -30,7 +30,11 @@ from ssil_service import embed
 from ssil_service.server.launch import Server, free_port, launch
 
 ROUNDS = 15
-CLIENTS, REQUESTS, ASKED = 64, 25, 5
+CLIENTS = 64
+REQUESTS = 25
+"""Requests of each client in a round."""
+CROWDS = 5
+"""Rounds of all clients at once."""
 LCOR = "/v1/datasets/racetrack/runs/windowvae/lcor"
 COR = "/v1/datasets/racetrack/runs/windowvae/cor"
 
@@ -57,8 +61,8 @@ uvicorn.run(app, port=int(sys.argv[1]), http="h11", loop="asyncio")
 """
 
 
-def interleaved(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Return the median seconds of each call, all in turn, after one round that does not count."""
+def time_in_turns(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Return the median seconds of each call; they run in turns, the first round is not counted."""
     times: dict[str, list[float]] = {name: [] for name in calls}
     for number in range(ROUNDS + 1):
         for name, call in calls.items():
@@ -69,15 +73,15 @@ def interleaved(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
     return {name: statistics.median(seconds) for name, seconds in times.items()}
 
 
-def table(title: str, medians: dict[str, float]) -> None:
-    """Print times beside the first of them."""
+def print_table(title: str, medians: dict[str, float]) -> None:
+    """Print times, and their ratios to the first."""
     base = next(iter(medians.values()))
     print(f"\n{title}: milliseconds, and beside the first")
     for name, seconds in medians.items():
         print(f"  {name:<34}{1000 * seconds:>9.2f}{seconds / base:>8.2f}")
 
 
-def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
+def print_bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
     """Time LCoR of 2,048 states, and the leverage of a whole run."""
     dataset = sd.Store(store)["racetrack"]
     field = dataset.field("windowvae")
@@ -88,9 +92,9 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
     body = {"states": states.tolist()}
     assert np.array_equal(over_socket.lcor(states).values, field.lcor(states).values)
     assert np.array_equal(over_memory.lcor(states).values, field.lcor(states).values)
-    table(
+    print_table(
         f"LCoR of {len(states):,} states, {len(field.states):,} demonstrations",
-        interleaved(
+        time_in_turns(
             {
                 "in process": lambda: field.lcor(states),
                 "client, Arrow, socket": lambda: over_socket.lcor(states),
@@ -99,9 +103,9 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
             }
         ),
     )
-    table(
+    print_table(
         "LCoR of one state",
-        interleaved(
+        time_in_turns(
             {
                 "in process": lambda: field.lcor(states[:1]),
                 "client, Arrow, socket": lambda: over_socket.lcor(states[:1]),
@@ -110,9 +114,9 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
         ),
     )
     there = remote["racetrack"]
-    table(
+    print_table(
         f"Leverage of {len(dataset):,} pairs",
-        interleaved(
+        time_in_turns(
             {
                 "local store": lambda: dataset.leverage("windowvae"),
                 "client, Arrow, socket": lambda: there.leverage("windowvae"),
@@ -123,7 +127,7 @@ def bulk(store: Path, remote: RemoteStore, inside: RemoteStore) -> None:
 
 @dataclass
 class Crowd:
-    """What 64 clients that asked at once saw, and what it cost the server."""
+    """What 64 clients saw that asked at once, and what that cost the server."""
 
     latencies: list[float]
     seconds: float
@@ -132,7 +136,7 @@ class Crowd:
     failed: int = 0
 
 
-async def crowd(port: int, process: int, path: str, media: str, body: bytes) -> Crowd:
+async def ask_in_parallel(port: int, process: int, path: str, media: str, body: bytes) -> Crowd:
     """Ask from 64 connections; the clients speak HTTP by hand, to cost little themselves."""
     head = (
         f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media}\r\nAccept: {media}\r\n"
@@ -157,7 +161,8 @@ async def crowd(port: int, process: int, path: str, media: str, body: bytes) -> 
                 found.failed += 1
         writer.close()
 
-    begin, used = time.perf_counter(), processor_seconds(process)
+    begin = time.perf_counter()
+    used = processor_seconds(process)
     await asyncio.gather(*(client() for _ in range(CLIENTS)))
     found.seconds = time.perf_counter() - begin
     found.processor = processor_seconds(process) - used
@@ -170,7 +175,7 @@ def processor_seconds(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def concurrent(store: Path, server: Server) -> None:
+def print_crowds(store: Path, server: Server) -> None:
     """Ask small questions from 64 clients, and a bare echo the same."""
     port = free_port()
     quiet = subprocess.DEVNULL
@@ -182,8 +187,9 @@ def concurrent(store: Path, server: Server) -> None:
     arrow = (ARROW, encode(states_table(some)).to_pybytes())
     one = (ARROW, encode(states_table(some[:1])).to_pybytes())
     text = (JSON, json.dumps({"states": some.tolist()}).encode())
-    mine, theirs = (served, server.process.pid), (port, echo.pid)
-    asked = {
+    mine = (served, server.process.pid)
+    theirs = (port, echo.pid)
+    questions = {
         "echo of bytes": (*theirs, "/echo", *arrow),
         "CoR of 8, Arrow": (*mine, COR, *arrow),
         "LCoR of 1, Arrow": (*mine, LCOR, *one),
@@ -192,18 +198,19 @@ def concurrent(store: Path, server: Server) -> None:
         "CoR of 8, JSON": (*mine, COR, *text),
     }
     time.sleep(2)
-    found: dict[str, list[Crowd]] = {name: [] for name in asked}
-    for _ in range(ASKED + 1):
-        for name, question in asked.items():
-            found[name].append(asyncio.run(crowd(*question)))
+    found: dict[str, list[Crowd]] = {name: [] for name in questions}
+    for _ in range(CROWDS + 1):
+        for name, question in questions.items():
+            found[name].append(asyncio.run(ask_in_parallel(*question)))
     echo.kill()
-    print(f"\n{CLIENTS} clients at once, {ASKED} rounds of {CLIENTS * REQUESTS:,} questions each")
+    print(f"\n{CLIENTS} clients at once, {CROWDS} rounds of {CLIENTS * REQUESTS:,} questions each")
     head = ("median ms", "p99 ms", "p99/median", "answers/s", "of echo", "cpu ms", "of echo")
     print(f"  {'':<20}" + "".join(f"{each:>12}" for each in (*head, "refused", "errors")))
     base: list[float] = []
     for name, (_, *rounds) in found.items():
         latencies = sorted(each for one in rounds for each in one.latencies)
-        median, worst = statistics.median(latencies), latencies[int(0.99 * len(latencies))]
+        median = statistics.median(latencies)
+        worst = latencies[int(0.99 * len(latencies))]
         rate = statistics.median(len(one.latencies) / one.seconds for one in rounds)
         cost = statistics.median(one.processor / len(one.latencies) for one in rounds)
         base = [rate, cost] if name.startswith("echo") else base
@@ -214,7 +221,7 @@ def concurrent(store: Path, server: Server) -> None:
         print(f"  {name:<20}{cells}{counts[0]:>12}{counts[1]:>12}")
 
 
-def start(store: Path) -> None:
+def print_start(store: Path) -> None:
     """Time from the command to the first answer of `/readyz`."""
     times = []
     for _ in range(5):
@@ -232,10 +239,10 @@ def main() -> None:
         sd.score(sd.Store(store)["racetrack"], sd.WindowVAE())
         server = launch(store)
         with connect(server.url) as remote, embed(store) as inside:
-            bulk(store, remote, inside)
-        concurrent(store, server)
+            print_bulk(store, remote, inside)
+        print_crowds(store, server)
         server.stop()
-        start(store)
+        print_start(store)
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Found:
+class Result:
     """Its result: mean height of the curve, steps to .9, last score and mean of the last three."""
 
     area: float
@@ -116,7 +116,7 @@ AROUND = {"discriminator_rate": 5e-4}
 """What the default was when its knobs were turned."""
 
 
-def questions(which: str, problems: tuple[str, ...], seeds: range) -> Iterator[Run]:
+def list_runs(which: str, problems: tuple[str, ...], seeds: range) -> Iterator[Run]:
     """Yield the runs of a question, setting by setting."""
     every = tuple(name for name in METHODS if name != "constant")
     table, there = {
@@ -131,7 +131,7 @@ def questions(which: str, problems: tuple[str, ...], seeds: range) -> Iterator[R
                     yield Run(problem, method, json.dumps(changed, sort_keys=True), seed)
 
 
-def pendulum(folder: Path) -> Iterator[Episode]:
+def read_pendulum(folder: Path) -> Iterator[Episode]:
     """Read demonstrations of Pendulum-v0 as VILD published them: its expert's first, ten levels.
 
     A row of theirs holds the state after its action, in half-widths: the pair is (s_t, 2 a_t+1).
@@ -184,13 +184,13 @@ class Bench:
                 )
             store.create(
                 name,
-                pendulum(self.vild),
+                read_pendulum(self.vild),
                 state_names=["cos", "sin", "speed"],
                 action_names=["torque"],
             )
         return store
 
-    def __call__(self, run: Run) -> Found:
+    def __call__(self, run: Run) -> Result:
         """Do one run."""
         problem = PROBLEMS[run.problem]
         defaults = TrainSettings(
@@ -209,16 +209,16 @@ class Bench:
         scores = [evaluation.score or 0.0 for _, evaluation in rows]
         curve = Curve(tuple(steps for steps, _ in rows), tuple(scores))
         reached = curve.steps_to(0.9 if problem.full != 1.0 else -200.0)
-        return Found(curve.area, reached, scores[-1], float(np.mean(scores[-3:])))
+        return Result(curve.area, reached, scores[-1], float(np.mean(scores[-3:])))
 
 
-def read_rows(path: Path) -> dict[Run, Found]:
+def read_rows(path: Path) -> dict[Run, Result]:
     """Read the rows of earlier calls."""
     if not path.exists():
         return {}
     with path.open() as file:
         return {
-            Run(row["problem"], row["method"], row["changed"], int(row["seed"])): Found(
+            Run(row["problem"], row["method"], row["changed"], int(row["seed"])): Result(
                 float(row["area"]),
                 int(row["steps_to_90"]) if row["steps_to_90"] else None,
                 float(row["final"]),
@@ -228,7 +228,7 @@ def read_rows(path: Path) -> dict[Run, Found]:
         }
 
 
-def append_row(path: Path, run: Run, found: Found) -> None:
+def append_row(path: Path, run: Run, found: Result) -> None:
     """Append a row."""
     row = {**asdict(run), **asdict(found)}
     fresh = not path.exists()
@@ -239,9 +239,9 @@ def append_row(path: Path, run: Run, found: Found) -> None:
         writer.writerow(row)
 
 
-def print_table(rows: Mapping[Run, Found]) -> None:
+def print_table(rows: Mapping[Run, Result]) -> None:
     """Print a line for each problem, change and method: means over seeds, and the worst."""
-    groups: dict[tuple[str, str, str], list[Found]] = defaultdict(list)
+    groups: dict[tuple[str, str, str], list[Result]] = defaultdict(list)
     for run, found in rows.items():
         groups[run.problem, run.changed, run.method].append(found)
     print(f"{'':>66}{'seeds':>6}{'area':>9}{'to 90 %':>9}{'last three':>11}{'worst':>9}")
@@ -273,7 +273,7 @@ def main(
     path.parent.mkdir(parents=True, exist_ok=True)
     bench = Bench(work, vild)
     done = read_rows(path)
-    runs = list(questions(question, problems, range(first_seed, first_seed + seeds)))
+    runs = list(list_runs(question, problems, range(first_seed, first_seed + seeds)))
     for run in runs:
         if run not in done:
             done[run] = bench(run)

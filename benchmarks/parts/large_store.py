@@ -1,4 +1,4 @@
-"""LCoR over ten million states: how much faster a random part answers, and how honestly.
+"""LCoR over ten million states: how much faster a sample answers, and how often its bounds hold.
 
 Two stores: standard normal states with uniform leverages, and the committed racetrack states, drawn
 with replacement and moved by .1 deviations in every dimension, with the leverage that a windowVAE
@@ -26,12 +26,14 @@ from ssil_data.kernels import Estimate, References, Sampled
 DATASETS = Path(__file__).parents[2] / "datasets"
 CHUNK = 1 << 20
 SIZES = (1_000_000, 10_000_000)
-ASKED, SEEDS = 2048, 10
-SIZE, TOLERANCES = 32_768, (1e-2, 1e-3)
+QUERIES = 2048
+SEEDS = 10
+SIZE = 32_768
+TOLERANCES = (1e-2, 1e-3)
 
 
-def racetrack(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return the racetrack's standardised states and the leverage of a windowVAE."""
+def score_racetrack(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return the racetrack's standardized states and the leverage of a windowVAE."""
     shutil.copytree(DATASETS / "racetrack", folder / "store" / "racetrack")
     dataset = sd.Store(str(folder / "store"))["racetrack"]
     run = sd.score(dataset, sd.WindowVAE(), seed=0)
@@ -39,10 +41,11 @@ def racetrack(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return Standardizer.of(states)(states), dataset.leverage(run.name)
 
 
-def mapped(path: Path, kind: str, count: int, known: tuple[np.ndarray, np.ndarray]) -> tuple:
+def write_store(path: Path, kind: str, count: int, known: tuple[np.ndarray, np.ndarray]) -> tuple:
     """Write `count` states to a file, chunk by chunk; return them mapped, and their leverage."""
     states, leverage = known
-    width, rng = states.shape[1], np.random.default_rng(0)
+    width = states.shape[1]
+    rng = np.random.default_rng(0)
     file = np.lib.format.open_memmap(path, "w+", np.float32, (count, width))
     levels = np.empty(count, np.float32)
     for first in range(0, count, CHUNK):
@@ -50,7 +53,8 @@ def mapped(path: Path, kind: str, count: int, known: tuple[np.ndarray, np.ndarra
         size = rows.stop - first
         noise = rng.standard_normal((size, width), np.float32)
         if kind == "normal":
-            file[rows], levels[rows] = noise, rng.random(size, np.float32)
+            file[rows] = noise
+            levels[rows] = rng.random(size, np.float32)
         else:
             drawn = rng.integers(len(states), size=size)
             file[rows] = states[drawn] + np.float32(0.1) * noise
@@ -59,67 +63,72 @@ def mapped(path: Path, kind: str, count: int, known: tuple[np.ndarray, np.ndarra
     return np.load(path, mmap_mode="r"), levels
 
 
-def queries_near(states: np.ndarray) -> np.ndarray:
+def draw_queries_near(states: np.ndarray) -> np.ndarray:
     """Return queries near some of the states, every fourth farther out."""
     rng = np.random.default_rng(1)
-    rows = np.sort(rng.integers(len(states), size=ASKED))
-    asked = states[rows] + np.float32(0.1) * rng.standard_normal((ASKED, states.shape[1]))
-    asked[::4] *= 1.5
-    return rng.permutation(asked).astype(np.float32)
+    rows = np.sort(rng.integers(len(states), size=QUERIES))
+    queries = states[rows] + np.float32(0.1) * rng.standard_normal((QUERIES, states.shape[1]))
+    queries[::4] *= 1.5
+    return rng.permutation(queries).astype(np.float32)
 
 
-def measured(
+def print_store(
     name: str,
     states: np.ndarray,
     leverage: np.ndarray,
     alphas: tuple[float, ...],
 ) -> None:
     """Print the rows of one store: a sample of 32,768, then two tolerances, beside all states."""
-    asked = queries_near(states)
+    queries = draw_queries_near(states)
     begin = time.perf_counter()
     references = References(states, leverage)
     packed = time.perf_counter() - begin
     source = Sampled(states, leverage, lambda: references)
     source.prepare()
     print(f"{name}: packed in {packed:.1f} s, tables in", end=" ")
-    print(f"{time.perf_counter() - begin - packed:.1f} s; {memory()}")
+    print(f"{time.perf_counter() - begin - packed:.1f} s; {describe_memory()}")
     for alpha in alphas:
         begin = time.process_time()
-        truth = references.sums(asked, alpha=alpha, threads=1).values
+        truth = references.sums(queries, alpha=alpha, threads=1).values
         exact = time.process_time() - begin
-        source.estimate_of_size(asked[:1], alpha=alpha, size=SIZE)  # draws and packs the sample
+        source.estimate_of_size(queries[:1], alpha=alpha, size=SIZE)  # draws and packs the sample
         works: dict[str, Callable[[int], Estimate]] = {
             f"{SIZE:,} states": lambda seed, a=alpha: source.estimate_of_size(
-                asked, alpha=a, size=SIZE, seed=seed, threads=1
+                queries, alpha=a, size=SIZE, seed=seed, threads=1
             ),
             **{
                 f"within {tolerance:g}": lambda seed, a=alpha, t=tolerance: source.estimate_within(
-                    asked, alpha=a, tolerance=t, seed=seed, threads=1
+                    queries, alpha=a, tolerance=t, seed=seed, threads=1
                 )
                 for tolerance in TOLERANCES
             },
         }
         for what, work in works.items():
-            row(name, alpha, what, work, exact, truth)
+            print_row((name, alpha, what), work, exact=exact, truth=truth)
 
 
-def row(
-    name: str,
-    alpha: float,
-    what: str,
+def print_row(
+    names: tuple[str, float, str],
     work: Callable[[int], Estimate],
+    *,
     exact: float,
     truth: np.ndarray,
 ) -> None:
-    """Print one row: time over all queries, half-widths, coverage over several seeds."""
-    seconds, answers = [], []
+    """Print one row: time over all queries, half-widths, coverage over several seeds.
+
+    `names` are those of the store, α and the work; `exact` is the seconds that exact sums take, and
+    `truth` their LCoR.
+    """
+    name, alpha, what = names
+    seconds = []
+    answers = []
     for seed in range(SEEDS):
         work(seed)  # draws and packs the sample of this seed
         begin = time.process_time()
         answers.append(work(seed))
         seconds.append(time.process_time() - begin)
         if seconds[-1] > 0.2 * exact:
-            break  # no gain: one seed tells
+            break  # no gain, so one seed is enough
     cost = statistics.median(seconds)
     error = np.stack([np.abs(answer.values - truth) for answer in answers])
     widths = np.stack([answer.half_width for answer in answers])
@@ -133,7 +142,7 @@ def row(
     print(cells, flush=True)
 
 
-def memory() -> str:
+def describe_memory() -> str:
     """Return this process's memory: its own, and that of mapped files."""
     status = Path("/proc/self/status")
     if not status.exists():
@@ -143,23 +152,23 @@ def memory() -> str:
     return f"memory {sizes['RssAnon:']:.1f} GiB, peak with mapped files {sizes['VmHWM:']:.1f} GiB"
 
 
-def large_store() -> None:
+def print_large_store() -> None:
     """Print the table."""
     print(
-        f"\n{ASKED:,} queries, d = 29, one thread, ms of processor time for all, times as fast as"
+        f"\n{QUERIES:,} queries, d = 29, one thread, ms of processor time for all, times as fast as"
     )
-    print(f"exact sums; median half-width and error; coverage over {ASKED:,} × {SEEDS} answers")
+    print(f"exact sums; median half-width and error; coverage over {QUERIES:,} × {SEEDS} answers")
     print("(of the sampled ones, how many); queries answered exactly")
     header = (("store", 22), ("α", 8), ("asked", 16), ("ms", 9), ("faster", 10), ("width", 10))
     header += (("error", 10), ("cover", 9), ("of", 8), ("exactly", 9))
     print("".join(f"{name:>{width}}" for name, width in header))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        known = racetrack(folder)
+        known = score_racetrack(folder)
         for count in SIZES:
             for kind in ("racetrack", "normal"):
                 path = folder / "states.npy"
-                states, leverage = mapped(path, kind, count, known)
+                states, leverage = write_store(path, kind, count, known)
                 sharp = auto_alpha(np.array(states[:: count // 20_000]))
-                measured(f"{kind} {count:,}", states, leverage, (1.0, 3.0, sharp))
+                print_store(f"{kind} {count:,}", states, leverage, (1.0, 3.0, sharp))
                 path.unlink()

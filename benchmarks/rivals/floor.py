@@ -33,7 +33,9 @@ class Floor:
 
 
 def _text(chains: int, lanes: int) -> str:
-    vector, every = f"<{lanes} x float>", range(chains)
+    """Return the loop in LLVM's language."""
+    vector = f"<{lanes} x float>"
+    every = range(chains)
     phis = "\n".join(f"%a{i} = phi {vector} [ %x, %entry ], [ %c{i}, %loop ]" for i in every)
     body = "\n".join(
         f"%b{i} = call nnan nsz {vector} @llvm.maxnum.v{lanes}f32({vector} %a{i}, {vector} %x)\n"

@@ -24,7 +24,8 @@ def torch_broadcast(
     queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: float
 ) -> Any:
     """Torch broadcasting, four queries at a time."""
-    values, reference = [], torch.from_numpy(states)
+    values = []
+    reference = torch.from_numpy(states)
     for query in torch.from_numpy(queries).split(4):
         distance = (query[:, None] - reference).abs().sum(2)
         kernel = (1 + distance / alpha).pow(-(alpha + 1) / 2)
@@ -32,7 +33,8 @@ def torch_broadcast(
     return torch.cat(values).numpy()
 
 
-def _weighed(distance: np.ndarray, leverage: np.ndarray, alpha: float) -> np.ndarray:
+def _average(distance: np.ndarray, leverage: np.ndarray, alpha: float) -> np.ndarray:
+    """Return the mean of the leverages, weighted by the kernel of distances (m, n)."""
     kernel = (1 + distance / alpha) ** (-(alpha + 1) / 2)
     return kernel @ leverage / kernel.sum(axis=1)
 
@@ -41,14 +43,14 @@ def scipy_cdist(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, a
     """Scipy's cdist, in float64, as it has no other."""
     from scipy.spatial.distance import cdist
 
-    return _weighed(cdist(queries, states, "cityblock"), leverage, alpha)
+    return _average(cdist(queries, states, "cityblock"), leverage, alpha)
 
 
 def sklearn(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: float) -> Any:
     """scikit-learn's manhattan_distances."""
     from sklearn.metrics.pairwise import manhattan_distances
 
-    return _weighed(manhattan_distances(queries, states), leverage, alpha)
+    return _average(manhattan_distances(queries, states), leverage, alpha)
 
 
 def faiss(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: float) -> Any:
@@ -56,7 +58,7 @@ def faiss(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: 
     import faiss as library  # pyright: ignore[reportMissingImports]
 
     distance = library.pairwise_distances(queries, states, metric=library.METRIC_L1)
-    return _weighed(distance, leverage, alpha)
+    return _average(distance, leverage, alpha)
 
 
 def keops(queries: np.ndarray, states: np.ndarray, leverage: np.ndarray, alpha: float) -> Any:
@@ -98,7 +100,8 @@ def _numba() -> Any:
     def lcor(queries: Any, states: Any, leverage: Any, alpha: Any, power: Any) -> Any:
         values = np.empty(len(queries), np.float32)
         for m in range(len(queries)):
-            numerator, denominator = np.float32(0), np.float32(0)
+            numerator = np.float32(0)
+            denominator = np.float32(0)
             for n in range(len(states)):
                 distance = np.float32(0)
                 for i in range(states.shape[1]):
@@ -129,6 +132,6 @@ _ALL: dict[str, tuple[str, Peer]] = {
 }
 
 
-def installed() -> dict[str, Peer]:
-    """Return the peers whose library is here."""
+def find_peers() -> dict[str, Peer]:
+    """Return the peers whose library is installed, by name."""
     return {name: peer for name, (module, peer) in _ALL.items() if find_spec(module)}

@@ -40,10 +40,12 @@ class PlainRoad(Road):
         y: float,
         directions: NDArray[np.float64],
         reach: float,
+        *,
         boxes: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Meet segments and arcs; there are no boxes."""
-        cos, sin = np.cos(directions)[:, None], np.sin(directions)[:, None]
+        cos = np.cos(directions)[:, None]
+        sin = np.sin(directions)[:, None]
         to_segments = _meet_segments(x, y, cos, sin, self.edges.segments)
         to_arcs = _meet_arcs(x, y, cos, sin, self.edges.arcs)
         nearest = np.minimum(to_segments.min(axis=1), to_arcs.min(axis=1, initial=np.inf))
@@ -53,8 +55,10 @@ class PlainRoad(Road):
 def _meet_segments(
     x: float, y: float, cos: NDArray[Any], sin: NDArray[Any], segments: NDArray[Any]
 ) -> NDArray[np.float64]:
-    start_x, start_y = segments[:, 0] - x, segments[:, 1] - y
-    along_x, along_y = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
+    start_x = segments[:, 0] - x
+    start_y = segments[:, 1] - y
+    along_x = segments[:, 2] - segments[:, 0]
+    along_y = segments[:, 3] - segments[:, 1]
     across = cos * along_y - sin * along_x
     parallel = across == 0
     across = np.where(parallel, 1.0, across)
@@ -67,13 +71,16 @@ def _meet_segments(
 def _meet_arcs(
     x: float, y: float, cos: NDArray[Any], sin: NDArray[Any], arcs: NDArray[Any]
 ) -> NDArray[np.float64]:
-    away_x, away_y, radius = x - arcs[:, 0], y - arcs[:, 1], arcs[:, 2]
+    away_x = x - arcs[:, 0]
+    away_y = y - arcs[:, 1]
+    radius = arcs[:, 2]
     to_middle = -(cos * away_x + sin * away_y)
     square = to_middle**2 - (away_x**2 + away_y**2 - radius**2)
     half_chord = np.sqrt(np.maximum(square, 0.0))
     nearest = np.full(to_middle.shape, np.inf)
     for distance in (to_middle + half_chord, to_middle - half_chord):
-        seen_x, seen_y = away_x + distance * cos, away_y + distance * sin
+        seen_x = away_x + distance * cos
+        seen_y = away_y + distance * sin
         within = (seen_x * arcs[:, 3] + seen_y * arcs[:, 4]) / radius >= arcs[:, 5] - TOUCH
         hit = (square >= 0) & (distance >= 0) & within
         nearest = np.where(hit, np.minimum(distance, nearest), nearest)

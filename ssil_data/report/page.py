@@ -108,12 +108,13 @@ def _describe_reasons(run: ScoredRun) -> str:
             "reconstruction error."
         )
     if run.run.estimator.get("surprisal"):
-        first = "The action that was taken is improbable for the experts in this state"
+        first = "The experts would hardly have taken this action in this state"
     else:
-        first = "The experts' action in this state is uncertain"
+        first = "What the experts would do in this state is uncertain"
     return (
-        f"{first}; epistemic = unlike the labeled states, aleatoric = there the experts' own "
-        "actions vary. Dimensions beyond the labeled pairs' range follow, the furthest first."
+        f"{first}: epistemic = the state is unlike the labeled ones, aleatoric = the experts' own "
+        "actions vary there. Then come the dimensions beyond the labeled pairs' range, the "
+        "furthest first."
     )
 
 
