@@ -30,7 +30,7 @@ from ssil_service.routes.parameters import (
 from ssil_service.schemas.requests import PairsBody, StatesBody
 from ssil_service.schemas.responses import CoRAnswer, LCoRAnswer, ScoreAnswer, SumsAnswer
 
-router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["questions"])
+router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["queries"])
 
 _PROBLEMS = problems(404, 406, 408, 409, 413, 415, 422)
 
@@ -50,8 +50,8 @@ async def lcor(
     """Return LCoR of states, and how many demonstrations each value rests on."""
     media = negotiate(request)
     here = context(request)
-    query = parameters.query()
     parameters.refuse_sampling_with_sums()
+    query = parameters.query()
     snapshot = await here.catalog.snapshot(dataset, parameters.version)
     snapshot.check_run(run)
     states = await read_states(request, snapshot.widths[0])
