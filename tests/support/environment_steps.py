@@ -1,4 +1,4 @@
-"""Drives of the RC car that several tests look at."""
+"""Recorded steps of the RC car that several tests look at."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
 
 
 def drive(env: RCLidarEnv, seed: int, steps: int) -> list[np.ndarray]:
-    """States of a drive with seeded random steering, through as many episodes as it takes."""
-    rng, states = np.random.default_rng(seed), []
+    """Return the states of so many seeded random steps, whatever the number of episodes."""
+    rng = np.random.default_rng(seed)
+    states = []
     state, _ = env.reset(seed=seed)
     over = False
     for _ in range(steps):

@@ -1,4 +1,4 @@
-"""Recorded drives on a road of one dimension whose rewards are known by hand."""
+"""Recorded episodes on a road of one dimension whose rewards are known by hand."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from ssil_trainers.collection.recording import EvaluationCourse, first_pairs, record
+from ssil_trainers.collection.recording import EvaluationCourse, record, take_pairs
 
 
 class Line(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -38,34 +38,35 @@ def coast(state: np.ndarray) -> np.ndarray:
 
 
 def test_states_and_positions_are_from_before_and_rewards_from_after_the_actions() -> None:
-    drive = record(Line(), coast, seed=0)
-    assert drive.states.ravel().tolist() == [0, 1, 2, 3, 4]
-    assert drive.positions.tolist() == [[step, 10] for step in range(5)]
-    assert drive.rewards.tolist() == [1, 2, 3, 4, 5]
-    assert (len(drive), drive.total, drive.ending) == (5, 15.0, "terminated")
+    episode = record(Line(), coast, seed=0)
+    assert episode.states.ravel().tolist() == [0, 1, 2, 3, 4]
+    assert episode.positions.tolist() == [[step, 10] for step in range(5)]
+    assert episode.rewards.tolist() == [1, 2, 3, 4, 5]
+    assert (len(episode), episode.total_reward, episode.ending) == (5, 15.0, "terminated")
 
 
-def test_trembling_is_drawn_from_the_seed_and_clipped() -> None:
-    drives = [record(Line(), coast, seed=seed, action_noise=2.0) for seed in (1, 1, 2)]
-    np.testing.assert_array_equal(drives[0].actions, drives[1].actions)
-    assert (drives[0].actions != drives[2].actions).any()
-    assert all(np.abs(drive.actions).max() <= 1 for drive in drives)
+def test_noise_on_actions_is_drawn_from_the_seed_and_clipped() -> None:
+    episodes = [record(Line(), coast, seed=seed, action_noise=2.0) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(episodes[0].actions, episodes[1].actions)
+    assert (episodes[0].actions != episodes[2].actions).any()
+    assert all(np.abs(episode.actions).max() <= 1 for episode in episodes)
     assert record(Line(), coast, seed=1).actions.tolist() == [[0]] * 5
 
 
-def test_a_course_gives_every_drive_another_seed() -> None:
+def test_a_course_gives_every_episode_another_seed() -> None:
     course = EvaluationCourse(Line(), first_seed=3, action_noise=0.1)
-    first, second = course.drive(coast), course.drive(coast)
+    first = course.drive(coast)
+    second = course.drive(coast)
     np.testing.assert_array_equal(
         second.actions, record(Line(), coast, seed=4, action_noise=0.1).actions
     )
     assert (first.actions != second.actions).any()
-    assert course.returns(coast, 2).tolist() == [15.0, 15.0]
+    assert course.measure_returns(coast, 2).tolist() == [15.0, 15.0]
 
 
-def test_the_last_drive_is_cut_to_the_wanted_pairs() -> None:
+def test_the_last_episode_is_cut_so_that_the_pairs_are_exactly_as_many() -> None:
     course = EvaluationCourse(Line())
-    drives = iter(lambda: course.drive(coast), None)
-    assert [pairs for _, pairs in first_pairs(drives, 12)] == [5, 5, 2]
-    assert [pairs for _, pairs in first_pairs(drives, 10)] == [5, 5]
-    assert [pairs for _, pairs in first_pairs(drives, 7, at_most=3)] == [3, 3, 1]
+    episodes = iter(lambda: course.drive(coast), None)
+    assert [pairs for _, pairs in take_pairs(episodes, 12)] == [5, 5, 2]
+    assert [pairs for _, pairs in take_pairs(episodes, 10)] == [5, 5]
+    assert [pairs for _, pairs in take_pairs(episodes, 7, per_episode=3)] == [3, 3, 1]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from ssil_data.errors import InvalidInputError
+from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_trainers.envs.racetrack.env import RacetrackEnv
-from ssil_trainers.envs.racetrack.twin import RacetrackVectorEnv
-from ssil_trainers.envs.rc_lidar.env import RCLidarVectorEnv
-from ssil_trainers.envs.registry import find_spec, make_single, make_vectorized
+from ssil_trainers.envs.racetrack.vector_env import RacetrackVectorEnv
+from ssil_trainers.envs.rc_lidar.vector_env import RCLidarVectorEnv
+from ssil_trainers.envs.registry import TASKS, find_spec, make_single, make_vectorized
 
 
 def test_traffic_is_driven_in_real_environments_side_by_side() -> None:
@@ -61,3 +61,27 @@ def test_settings_that_make_no_environment_are_refused_in_either_form(
 def test_a_text_with_an_underscore_is_no_number() -> None:
     assert find_spec("rc-lidar?track=1_0").kwargs == {"track": "1_0"}
     assert find_spec("rc-lidar?episode_steps=10").kwargs == {"episode_steps": 10}
+
+
+def test_unknown_environments_are_refused_by_name() -> None:
+    with pytest.raises(NotFoundError, match=r"racetrack.*found 'racetrakc'"):
+        find_spec("racetrakc")
+
+
+def test_a_task_takes_the_environments_settings() -> None:
+    assert find_spec("racetrack?policy_hz=5&track=oval").kwargs == {"policy_hz": 5, "track": "oval"}
+    assert find_spec("racetrack").kwargs == {}
+    assert find_spec("Pendulum-v1?g=9.81").kwargs == {"g": 9.81}
+    for task, message in (("racetrack?fast", "key=value"), ("racetrack?wings=2", "wings")):
+        with pytest.raises(InvalidInputError, match=message):
+            make_vectorized(task, 1)
+    with pytest.raises(InvalidInputError, match="wings"):
+        make_single("Pendulum-v1?wings=2")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_projects_tasks_can_be_driven_alone_and_side_by_side(task: str) -> None:
+    envs, env = make_vectorized(task, 2), make_single(task)
+    assert envs.single_observation_space == env.observation_space
+    assert envs.single_action_space == env.action_space
+    assert envs.metadata["autoreset_mode"].value == "SameStep"

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.racetrack.env import RacetrackEnv
-from ssil_trainers.envs.racetrack.twin import RacetrackVectorEnv
+from ssil_trainers.envs.racetrack.vector_env import RacetrackVectorEnv
 from ssil_trainers.envs.sb3_vec_env import StableBaselinesVecEnv
 
 CARS = 5

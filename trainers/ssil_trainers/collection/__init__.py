@@ -1,1 +1,1 @@
-"""Collecting demonstrations: who drives, how well, and what is kept."""
+"""Collecting demonstrations: the expert, worse drivers, quality tiers, and the dataset's card."""

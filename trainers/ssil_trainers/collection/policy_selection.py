@@ -1,73 +1,71 @@
-"""Finding the drivers of a demonstration set: one expert, and mediocre ones for every tier."""
+"""Which under-trained policies stand for a quality tier, and which of their episodes are kept.
+
+Both are decided from scores alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-import gymnasium
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ssil_data.errors import NotFoundError
-from ssil_data.scoring import Progress
-from ssil_trainers.collection.ppo import Checkpoint, PPOSettings, train
+from ssil_trainers.collection.ppo import Checkpoint
 from ssil_trainers.collection.quality_tiers import Band
 from ssil_trainers.collection.recording import EvaluationCourse, RecordedEpisode
 
-MakeEnv = Callable[[], gymnasium.Env[Any, Any]]
+
+def select_policies(scores: Sequence[ArrayLike], band: Band, *, at_most: int) -> list[int]:
+    """Return which policies stand for a band, spread evenly over their mean scores.
+
+    A policy's mean must lie in the band, and so must half of its episodes, or as many as any such
+    policy manages: a policy that either crashes at once or finishes has a middling mean but no
+    middling episode.
+
+    Parameters
+    ----------
+    scores:
+        Episode scores of each policy.
+    band:
+        The band of the tier.
+    at_most:
+        Most policies that are returned.
+
+    Returns
+    -------
+    list of int
+        Rows of the policies, by rising mean score.
+
+    Raises
+    ------
+    NotFoundError
+        If no policy has its mean and one episode in the band.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.policy_selection import select_policies
+    >>> from ssil_trainers.collection.quality_tiers import Band
+    >>> select_policies([[0.0, 0.8], [0.3, 0.4]], Band("25-50", 0.25, 0.5), at_most=2)
+    [1]
+    """
+    of_policies = [np.asarray(of_policy, dtype=np.float64) for of_policy in scores]
+    middling = [row for row, of_policy in enumerate(of_policies) if of_policy.mean() in band]
+    inside = {row: np.mean([score in band for score in of_policies[row]]) for row in middling}
+    enough = min(0.5, max(inside.values(), default=0.0))
+    if not enough:
+        raise NotFoundError(
+            f"tier {band.tier}: no policy stands for scores from {band.low:.2f} to "
+            f"{band.high:.2f}; of {len(of_policies)} policies, {len(middling)} have their mean "
+            "there, none of these an episode; train more runs or take another seed"
+        )
+    fit = [row for row in middling if inside[row] >= enough]
+    fit.sort(key=lambda row: of_policies[row].mean())
+    places = np.linspace(0, len(fit) - 1, min(at_most, len(fit)))
+    return [fit[round(place)] for place in places]
 
 
-@dataclass(frozen=True)
-class DriverTrainer:
-    """Where drivers are trained and measured; PPO's seeds are derived from `seed`."""
-
-    make_env: MakeEnv
-    course: EvaluationCourse
-    seed: int
-    progress: Progress
-
-    def train_expert(self, settings: PPOSettings, *, measure: int) -> Checkpoint:
-        """Train one run; return its checkpoint of the highest mean return over `measure` drives."""
-        checkpoints = self._train("expert", 0, settings)
-        returns = [
-            self.course.returns(checkpoint, measure).mean()
-            for checkpoint in self._report_each("measure expert", checkpoints)
-        ]
-        return checkpoints[int(np.argmax(returns))]
-
-    def train_under_trained(
-        self, settings: PPOSettings, *, runs: int, measure: int, expert_return: float
-    ) -> tuple[list[Checkpoint], list[np.ndarray]]:
-        """Train several short runs; return all their checkpoints and each one's episode scores."""
-        checkpoints = [
-            checkpoint
-            for run in range(1, runs + 1)
-            for checkpoint in self._train(f"run {run}", run, settings)
-        ]
-        scores = [
-            self.course.returns(checkpoint, measure) / expert_return
-            for checkpoint in self._report_each("measure checkpoints", checkpoints)
-        ]
-        return checkpoints, scores
-
-    def _train(self, name: str, run: int, settings: PPOSettings) -> list[Checkpoint]:
-        seed = int(np.random.SeedSequence([self.seed, run]).generate_state(1)[0])
-
-        def progress(steps: int) -> None:
-            self.progress(f"train {name}", min(steps, settings.steps), settings.steps)
-
-        checkpoints = train(self.make_env, settings, run=name, seed=seed, progress=progress)
-        progress(settings.steps)
-        return checkpoints
-
-    def _report_each(self, what: str, checkpoints: Sequence[Checkpoint]) -> Iterator[Checkpoint]:
-        for done, checkpoint in enumerate(checkpoints):
-            yield checkpoint
-            self.progress(what, done + 1, len(checkpoints))
-
-
-def drives_within(
+def episodes_within(
     band: Band,
     drivers: Sequence[Checkpoint],
     course: EvaluationCourse,
@@ -75,22 +73,38 @@ def drives_within(
     expert_return: float,
     patience: int,
 ) -> Iterator[RecordedEpisode]:
-    """Yield drives that score inside the band; who has driven least so far drives next.
+    """Yield episodes that score inside a band; the policy with fewest steps so far drives next.
 
-    Raises NotFoundError when `patience` steps were driven since the last such drive.
+    Parameters
+    ----------
+    band:
+        The band of the tier.
+    drivers:
+        Policies that stand for it.
+    course:
+        Where they drive.
+    expert_return:
+        Return that scores 1.
+    patience:
+        Steps that are driven without such an episode before giving up.
+
+    Raises
+    ------
+    NotFoundError
+        When more than `patience` steps were driven since the last such episode.
     """
-    driven = [0] * len(drivers)
+    steps = [0] * len(drivers)
     since = 0
     while since <= patience:
-        turn = int(np.argmin(driven))
-        drive = course.drive(drivers[turn])
-        driven[turn] += len(drive)
-        since += len(drive)
-        if drive.total / expert_return in band:
-            yield drive
+        turn = int(np.argmin(steps))
+        episode = course.drive(drivers[turn])
+        steps[turn] += len(episode)
+        since += len(episode)
+        if episode.total_reward / expert_return in band:
+            yield episode
             since = 0
     names = ", ".join(map(str, drivers))
     raise NotFoundError(
-        f"tier {band.tier}: expected a drive that scores from {band.low:.2f} to {band.high:.2f} "
-        f"within {patience} steps of [{names}], found none"
+        f"tier {band.tier}: no episode scored from {band.low:.2f} to {band.high:.2f} within "
+        f"{patience} steps of {names}; take another seed or train more runs"
     )

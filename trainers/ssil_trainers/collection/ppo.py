@@ -1,9 +1,8 @@
-"""Training drivers with stable-baselines3's PPO, and keeping the policies met on the way."""
+"""Training drivers with stable-baselines3's PPO, and keeping checkpoints on the way."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -16,11 +15,27 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+from ssil_trainers.algorithms.torch_threads import single_thread
+
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """How one PPO run is trained: steps in all, Adam's step size, rollouts between checkpoints,
-    environments driven side by side and their steps between updates, and how an update is made.
+    """How one PPO run is trained.
+
+    Parameters
+    ----------
+    steps:
+        Environment steps in all.
+    learning_rate:
+        Adam's step size.
+    keep_every:
+        Rollouts between checkpoints.
+    environments:
+        Environments that are driven side by side.
+    rollout:
+        Steps of each environment between updates.
+    batch, epochs:
+        Pairs of a gradient step, and how often an update goes through a rollout.
     """
 
     steps: int
@@ -34,7 +49,25 @@ class PPOSettings:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """The mean action of the policy that PPO had after `steps` steps, free of torch."""
+    """The mean action of a policy that PPO had on the way, without torch.
+
+    Parameters
+    ----------
+    run:
+        Name of the run.
+    steps:
+        Environment steps before the checkpoint.
+    layers:
+        Weights (out, in) and biases (out,) of a perceptron with tanh between its layers.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.ppo import Checkpoint
+    >>> layer = (np.ones((1, 2), dtype=np.float32), np.zeros(1, dtype=np.float32))
+    >>> driver = Checkpoint("run 1", 512, (layer,))
+    >>> print(driver, driver(np.array([0.25, 0.5], dtype=np.float32)))
+    ppo run 1 checkpoint 512 steps [0.75]
+    """
 
     run: str
     steps: int
@@ -52,7 +85,7 @@ class Checkpoint:
         return f"ppo {self.run} checkpoint {self.steps:,} steps"
 
 
-def train(
+def train_ppo(
     make_env: Callable[[], gymnasium.Env[Any, Any]],
     settings: PPOSettings,
     *,
@@ -60,13 +93,37 @@ def train(
     seed: int,
     progress: Callable[[int], None] = lambda steps: None,
 ) -> list[Checkpoint]:
-    """Train on the environment's own reward; return the checkpoints, the untrained policy first.
+    """Train a policy on the environment's own reward.
 
-    progress is called with the steps taken so far, once per rollout.
+    Parameters
+    ----------
+    make_env:
+        Makes an environment.
+    settings:
+        How the run is trained.
+    run:
+        Name of the run.
+    seed:
+        The same seed gives the same checkpoints.
+    progress:
+        Called with the steps taken so far, once per rollout.
+
+    Returns
+    -------
+    list of Checkpoint
+        The untrained policy, those on the way, and the last one.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.ppo import PPOSettings, train_ppo
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> settings = PPOSettings(64, learning_rate=3e-4, environments=2, rollout=32, batch=32)
+    >>> [kept.steps for kept in train_ppo(RCLidarEnv, settings, run="demo", seed=0)]
+    [0, 64]
     """
     envs = VecNormalize(DummyVecEnv([make_env] * settings.environments), norm_obs=False)
     keeper = _CheckpointCallback(run, settings.keep_every, progress)
-    with _one_thread():
+    with single_thread():
         learner = PPO(
             "MlpPolicy",
             envs,
@@ -89,7 +146,9 @@ class _CheckpointCallback(BaseCallback):
     def __init__(self, run: str, every: int, progress: Callable[[int], None]) -> None:
         super().__init__()
         self.kept: list[Checkpoint] = []
-        self._run, self._every, self._progress = run, every, progress
+        self._run = run
+        self._every = every
+        self._progress = progress
         self._rollouts = 0
 
     def _on_step(self) -> bool:
@@ -115,14 +174,3 @@ def _is_linear(layer: torch.nn.Module) -> bool:
 def _copy_layer(layer: torch.nn.Module) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     weight, bias = (parameter.detach().numpy().copy() for parameter in layer.parameters())
     return weight, bias
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Networks this small lose by threads, and one thread repeats its sums exactly."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

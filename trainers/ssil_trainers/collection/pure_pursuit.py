@@ -7,20 +7,44 @@ from numpy.typing import NDArray
 
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
 
+_SPACING = 0.05
+"""Distance of the points of the center line that are aimed at [m]."""
 
-class Pursuit:
-    """Pure pursuit (Coulter 1992): steer along the arc to a point of the centre line ahead.
 
-    It reads the car's pose from the environment, not the state: a good driver knows the track.
+class PurePursuit:
+    """Pure pursuit: steer along the arc to a point of the center line ahead.
+
+    It reads the car's pose from the environment, not from the state: it knows the track.
+
+    Parameters
+    ----------
+    env:
+        The environment that it drives in.
+    ahead:
+        How far down the center line it aims [m].
+
+    Source
+    ------
+    Coulter: Implementation of the pure pursuit path tracking algorithm, 1992.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.pure_pursuit import PurePursuit
+    >>> from ssil_trainers.collection.recording import record
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> env = RCLidarEnv("hall", episode_steps=50)
+    >>> record(env, PurePursuit(env, ahead=1.4), seed=0).total_reward
+    50.0
     """
 
     def __init__(self, env: RCLidarEnv, *, ahead: float) -> None:
-        """Aim `ahead` metres down the centre line of that environment's track."""
-        self._env, self._ahead = env, ahead
-        self._line = env.track.places(_SPACING)[:, :2]
+        """Sample the center line."""
+        self._env = env
+        self._ahead = ahead
+        self._line = env.track.sample_poses(_SPACING)[:, :2]
 
     def __call__(self, state: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the steering (1,) for where the car is now."""
+        """Return the steering (1,) for where the car is now; the state is not read."""
         x, y, heading = self._env.pose
         nearest = int(np.argmin(np.sum((self._line - [x, y]) ** 2, axis=1)))
         aim = self._line[(nearest + round(self._ahead / _SPACING)) % len(self._line)]
@@ -34,6 +58,3 @@ class Pursuit:
     def __str__(self) -> str:
         """Name the driver."""
         return f"pure pursuit {self._ahead:g} m ahead"
-
-
-_SPACING = 0.05

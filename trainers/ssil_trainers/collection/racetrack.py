@@ -1,28 +1,48 @@
-"""The paper's racetrack demonstrations: labeled expert, unlabeled expert, unlabeled negative."""
+"""The racetrack as a `World`: settings, a trained PPO expert, three tiers of negatives.
+
+After the SSIL paper (Lee et al.), with highway-env's racetrack in the place of TORCS.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError
-from ssil_data.scoring import Progress
-from ssil_trainers.collection.policy_selection import DriverTrainer, drives_within
+from ssil_trainers.collection.collect import ExpertPairs, Negatives, World
+from ssil_trainers.collection.driver_training import DriverTrainer
 from ssil_trainers.collection.ppo import PPOSettings
-from ssil_trainers.collection.quality_tiers import BANDS, EXPERT, select_policies
-from ssil_trainers.collection.recording import EvaluationCourse, Selection, first_pairs
-from ssil_trainers.envs.counts import count
+from ssil_trainers.collection.quality_tiers import Band
+from ssil_trainers.collection.recording import Selection, take_pairs
+from ssil_trainers.envs.counts import check_count
 from ssil_trainers.envs.racetrack.env import RacetrackEnv
-from ssil_trainers.envs.racetrack.highway import POLICY_HZ, Track, check_task
+from ssil_trainers.envs.racetrack.highway import (
+    HIGHWAY_IDS,
+    POLICY_HZ,
+    SIMULATION_HZ,
+    TrackName,
+    check_task,
+)
+from ssil_trainers.envs.racetrack.starts import START_SPEEDS
+from ssil_trainers.envs.racetrack.state import ACTION_NAMES, SPEED_SCALE, STATE_NAMES
 
-_SEEDS_APART = 1_000_000
-"""Episodes of one collection are numbered from its seed times this, so no two share a start."""
+BANDS = (Band("0-25", 0.0, 0.25), Band("25-50", 0.25, 0.50), Band("50-75", 0.50, 0.75))
+"""The three tiers of negatives; 1 is the expert's mean return."""
 
-_COUNTS = ("labeled", "unlabeled", "segment", "runs", "policies", "measure", "episode_steps")
-_COUNTS += ("expert_steps", "under_trained_steps")
+_COUNTS = (
+    "labeled",
+    "unlabeled",
+    "segment",
+    "runs",
+    "policies",
+    "measure",
+    "episode_steps",
+    "expert_steps",
+    "under_trained_steps",
+)
 _RATES = ("expert_learning_rate", "under_trained_learning_rate")
 
 
@@ -62,9 +82,20 @@ class RacetrackSettings:
         Steps of a run whose checkpoints drive the negatives.
     under_trained_learning_rate:
         Step size of such a run; small, so that there are policies between bad and good.
+
+    Raises
+    ------
+    InvalidInputError
+        For settings that cannot be collected, before anything is trained.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.racetrack import RacetrackSettings
+    >>> RacetrackSettings(unlabeled=900).under_trained.steps
+    24576
     """
 
-    track: Track = "default"
+    track: TrackName = "default"
     policy_hz: int = POLICY_HZ
     other_vehicles: int = 0
     labeled: int = 1_200
@@ -82,19 +113,19 @@ class RacetrackSettings:
 
     @property
     def expert(self) -> PPOSettings:
-        """The run of the expert; only late checkpoints differ enough to be worth measuring."""
+        """The expert's run; its checkpoints are far apart, as neighbors hardly differ."""
         return PPOSettings(self.expert_steps, self.expert_learning_rate, keep_every=20)
 
     @property
     def under_trained(self) -> PPOSettings:
-        """A run of the negatives' drivers, who change with every rollout."""
+        """A run of the negatives' drivers, which change with every rollout."""
         return PPOSettings(self.under_trained_steps, self.under_trained_learning_rate)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be collected, before anything is trained."""
+        """Validate before anything is trained."""
         check_task(self.track, policy_hz=self.policy_hz, other_vehicles=self.other_vehicles)
         for name in _COUNTS:
-            count(name, getattr(self, name))
+            check_count(name, getattr(self, name))
         for name in _RATES:
             if not 0 < getattr(self, name) < np.inf:
                 raise InvalidInputError(
@@ -110,79 +141,65 @@ class RacetrackSettings:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class Collected:
-    """What was collected, labeled first; expert_return is the mean return that scores 1."""
-
-    settings: RacetrackSettings
-    seed: int
-    expert_return: float
-    taken: Sequence[Selection]
-
-    def episodes(self) -> list[Episode]:
-        """Return the demonstrations."""
-        return [taken.episode() for taken in self.taken]
-
-
-def collect_racetrack(
-    *, seed: int, settings: RacetrackSettings, progress: Progress = lambda what, done, of: None
-) -> Collected:
-    """Train the drivers and let them drive; the same seed gives the same demonstrations.
-
-    Raises NotFoundError if no driver of a tier turned up.
-    """
-
-    def make_env() -> RacetrackEnv:
-        return RacetrackEnv(
-            settings.track,
-            policy_hz=settings.policy_hz,
-            other_vehicles=settings.other_vehicles,
-            episode_steps=settings.episode_steps,
-        )
-
-    course = EvaluationCourse(
-        make_env(), first_seed=seed * _SEEDS_APART, action_noise=settings.action_noise
+def _make_env(settings: RacetrackSettings) -> RacetrackEnv:
+    return RacetrackEnv(
+        settings.track,
+        policy_hz=settings.policy_hz,
+        other_vehicles=settings.other_vehicles,
+        episode_steps=settings.episode_steps,
     )
-    school = DriverTrainer(make_env, course, seed, progress)
-    expert = school.train_expert(settings.expert, measure=settings.measure)
-    expert_drives = iter(lambda: course.drive(expert), None)
-    labeled = first_pairs(expert_drives, settings.labeled, at_most=settings.segment)
-    unlabeled = first_pairs(expert_drives, settings.unlabeled)
-    expert_return = float(np.mean([drive.total for drive, _ in labeled + unlabeled]))
-    taken = [
-        Selection(drive, pairs, drive.total / expert_return, EXPERT, is_labeled)
-        for drives, is_labeled in ((labeled, True), (unlabeled, False))
-        for drive, pairs in drives
+
+
+def _record_expert(
+    settings: RacetrackSettings, env: RacetrackEnv, trainer: DriverTrainer
+) -> list[ExpertPairs]:
+    """Train the expert; record the labeled episodes, cut short, and then the unlabeled ones."""
+    expert = trainer.train_expert(settings.expert, measure=settings.measure)
+    episodes = iter(lambda: trainer.course.drive(expert), None)
+    labeled = take_pairs(episodes, settings.labeled, per_episode=settings.segment)
+    unlabeled = take_pairs(episodes, settings.unlabeled)
+    return [
+        *(ExpertPairs(recorded, pairs, labeled=True) for recorded, pairs in labeled),
+        *(ExpertPairs(recorded, pairs, labeled=False) for recorded, pairs in unlabeled),
     ]
-    taken += _negatives(school, settings, expert_return)
-    return Collected(settings, seed, expert_return, taken)
 
 
-def _negatives(
-    school: DriverTrainer, settings: RacetrackSettings, expert_return: float
-) -> list[Selection]:
-    checkpoints, scores = school.train_under_trained(
-        settings.under_trained,
-        runs=settings.runs,
-        measure=settings.measure,
-        expert_return=expert_return,
-    )
-    taken = []
-    for band in BANDS:
-        drivers = [
-            checkpoints[row] for row in select_policies(scores, band, at_most=settings.policies)
-        ]
-        drives = drives_within(
-            band,
-            drivers,
-            school.course,
-            expert_return=expert_return,
-            patience=settings.unlabeled,
-        )
-        wanted = settings.unlabeled // len(BANDS)
-        taken += [
-            Selection(drive, pairs, drive.total / expert_return, band.tier)
-            for drive, pairs in first_pairs(drives, wanted)
-        ]
-        school.progress(f"drive tier {band.tier}", wanted, wanted)
-    return taken
+def _negatives(settings: RacetrackSettings) -> Negatives:
+    return Negatives(settings.unlabeled, patience=settings.unlabeled)
+
+
+def _card_values(settings: RacetrackSettings) -> Mapping[str, Any]:
+    return {
+        "highway_id": HIGHWAY_IDS[settings.track],
+        "simulation_hz": SIMULATION_HZ,
+        "start_speeds": START_SPEEDS,
+        "is_usual_noise": settings.action_noise == RacetrackSettings().action_noise,
+        "mean_steps": _mean_steps,
+        "mean_speed": _mean_speed,
+    }
+
+
+def _mean_steps(selections: Sequence[Selection]) -> float:
+    """Return the mean length of the whole episodes."""
+    return float(np.mean([len(selection.recorded) for selection in selections]))
+
+
+def _mean_speed(selections: Sequence[Selection]) -> float:
+    """Return the mean forward speed over the kept pairs [m/s]."""
+    forward = STATE_NAMES.index("forward speed")
+    speeds = [one.recorded.states[: one.pairs, forward] for one in selections]
+    return SPEED_SCALE * float(np.mean(np.concatenate(speeds)))
+
+
+RACETRACK: World[RacetrackSettings, RacetrackEnv] = World(
+    name="racetrack",
+    state_names=STATE_NAMES,
+    action_names=ACTION_NAMES,
+    bands=BANDS,
+    make_env=_make_env,
+    record_expert=_record_expert,
+    negatives=_negatives,
+    card="racetrack_card.md.j2",
+    card_values=_card_values,
+)
+"""The paper's racetrack demonstrations: labeled expert, unlabeled expert, unlabeled negatives."""

@@ -1,29 +1,35 @@
-"""The paper's RC demonstrations: ten expert laps, half of them labeled, and unlabeled negatives."""
+"""The RC car as a `World`: settings, an expert that knows the track, four tiers of negatives.
+
+After the SSIL paper (Lee et al.), in simulation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ssil_data.demonstrations import Episode
 from ssil_data.errors import InvalidInputError, NotFoundError
-from ssil_data.scoring import Progress
-from ssil_trainers.collection.policy_selection import DriverTrainer, drives_within
+from ssil_trainers.collection.collect import ExpertPairs, Negatives, World
+from ssil_trainers.collection.driver_training import DriverTrainer
 from ssil_trainers.collection.ppo import PPOSettings
-from ssil_trainers.collection.pure_pursuit import Pursuit
-from ssil_trainers.collection.quality_tiers import EXPERT, Band, select_policies
-from ssil_trainers.collection.recording import (
-    EvaluationCourse,
-    RecordedEpisode,
-    Selection,
-    first_pairs,
-)
-from ssil_trainers.envs.counts import count
-from ssil_trainers.envs.rc_lidar.car import RCCar
+from ssil_trainers.collection.pure_pursuit import PurePursuit
+from ssil_trainers.collection.quality_tiers import Band
+from ssil_trainers.collection.recording import Selection
+from ssil_trainers.envs.counts import check_count
+from ssil_trainers.envs.rc_lidar.car import ACTION_NAMES, STATE_NAMES, RCCar
 from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
-from ssil_trainers.envs.rc_lidar.tracks import COLLECTION_TRACK
+from ssil_trainers.envs.rc_lidar.tracks import (
+    COLLECTION_TRACK,
+    TEST_TRACKS,
+    TRAINING_TRACK,
+    find_track,
+)
+
+CAR = RCCar()
+"""The car that all of them drive."""
 
 RC_BANDS = (
     Band("0-20", 0.0, 0.2),
@@ -31,10 +37,12 @@ RC_BANDS = (
     Band("40-60", 0.4, 0.6),
     Band("60-80", 0.6, 0.8),
 )
-"""The four qualities of negatives; 1 is a whole lap."""
+"""The four tiers of negatives; 1 is a whole lap."""
 
-_SEEDS_APART = 1_000_000
-"""Episodes of one collection are numbered from its seed times this, so no two share a start."""
+_PATIENCE_LAPS = 200
+"""Laps that are driven without an episode of a tier before the collection fails."""
+_WHOLE_LAP = 0.01
+"""A time limit so near to one lap is called one: the usual 401 pairs are one step more."""
 _COUNTS = (
     "laps",
     "lap_steps",
@@ -54,15 +62,15 @@ class RCSettings:
     Parameters
     ----------
     track:
-        Where all drive: a name, `seed-N`, or a CSV file.
+        Where the drivers drive: a name, `seed-N`, or a CSV file.
     laps:
         Expert laps; the first half is labeled.
     lap_steps:
         Pairs of a lap.
     negatives:
-        Unlabeled negative pairs, shared evenly by the four qualities.
+        Unlabeled negative pairs, shared evenly by the four tiers.
     segment:
-        Of one negative drive at most so many pairs are kept, its last, which lead to the wall.
+        Most pairs that are kept of one negative episode: its last, which lead to the wall.
     ahead:
         How far ahead the expert aims [m].
     action_noise:
@@ -70,13 +78,24 @@ class RCSettings:
     runs:
         Under-trained PPO runs that the negatives come from.
     policies:
-        Most policies that stand for one quality.
+        Most policies that stand for one tier.
     measure:
         Episodes that measure one policy.
     under_trained_steps:
         Steps of such a run.
     under_trained_learning_rate:
         Step size of such a run.
+
+    Raises
+    ------
+    InvalidInputError
+        For settings that cannot be collected, before anything is trained.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.rc_lidar import RCSettings
+    >>> RCSettings(track="hall").under_trained.rollout
+    64
     """
 
     track: str = COLLECTION_TRACK
@@ -94,13 +113,13 @@ class RCSettings:
 
     @property
     def under_trained(self) -> PPOSettings:
-        """A run of the negatives' drivers, who change with every rollout."""
+        """A run of the negatives' drivers, which change with every rollout."""
         return PPOSettings(self.under_trained_steps, self.under_trained_learning_rate, rollout=64)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be collected, before anything is trained."""
+        """Validate before anything is trained."""
         for name in _COUNTS:
-            count(name, getattr(self, name))
+            check_count(name, getattr(self, name))
         if self.laps % 2:
             raise InvalidInputError(f"laps: expected an even number, found {self.laps}")
         if self.negatives < len(RC_BANDS):
@@ -120,88 +139,64 @@ class RCSettings:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class RCCollected:
-    """What was collected, labeled first; expert_return is the return that scores 1."""
-
-    settings: RCSettings
-    car: RCCar
-    seed: int
-    expert_return: float
-    taken: Sequence[Selection]
-
-    def episodes(self) -> list[Episode]:
-        """Return the demonstrations."""
-        return [taken.episode() for taken in self.taken]
+def _make_env(settings: RCSettings) -> RCLidarEnv:
+    return RCLidarEnv(settings.track, car=CAR, episode_steps=settings.lap_steps)
 
 
-def collect_rc(
-    *, seed: int, settings: RCSettings, progress: Progress = lambda what, done, of: None
-) -> RCCollected:
-    """Let the expert drive, train the others and let them drive; same seed, same demonstrations.
-
-    Raises NotFoundError if the expert does not manage its laps or no driver of a quality turned up.
-    """
-    car = RCCar()
-
-    def make_env() -> RCLidarEnv:
-        return RCLidarEnv(settings.track, car=car, episode_steps=settings.lap_steps)
-
-    env = make_env()
-    course = EvaluationCourse(
-        env, first_seed=seed * _SEEDS_APART, action_noise=settings.action_noise
-    )
-    laps = _laps(course, Pursuit(env, ahead=settings.ahead), settings)
-    progress("drive expert", settings.laps, settings.laps)
-    expert_return = float(np.mean([lap.total for lap in laps]))
-    taken = [
-        Selection(
-            lap, len(lap), lap.total / expert_return, EXPERT, labeled=row < settings.laps // 2
-        )
-        for row, lap in enumerate(laps)
-    ]
-    taken += _negatives(DriverTrainer(make_env, course, seed, progress), settings, expert_return)
-    return RCCollected(settings, car, seed, expert_return, taken)
-
-
-def _laps(course: EvaluationCourse, expert: Pursuit, settings: RCSettings) -> list[RecordedEpisode]:
-    laps = [course.drive(expert) for _ in range(settings.laps)]
+def _record_expert(
+    settings: RCSettings, env: RCLidarEnv, trainer: DriverTrainer
+) -> list[ExpertPairs]:
+    """Record the expert's laps, the first half of them labeled."""
+    expert = PurePursuit(env, ahead=settings.ahead)
+    laps = [trainer.course.drive(expert) for _ in range(settings.laps)]
     for row, lap in enumerate(laps):
         if lap.ending != "truncated":
             raise NotFoundError(
-                f"lap {row} by {expert}: expected {settings.lap_steps} steps without a collision, "
-                f"found one after {len(lap)}; give it less action_noise or another target distance"
+                f"lap {row} by {expert}: collision after {len(lap)} of {settings.lap_steps} steps; "
+                "lower action_noise, or aim at another distance ahead"
             )
-    return laps
+    trainer.progress("drive expert", settings.laps, settings.laps)
+    return [
+        ExpertPairs(lap, len(lap), labeled=row < settings.laps // 2) for row, lap in enumerate(laps)
+    ]
 
 
-def _negatives(
-    school: DriverTrainer, settings: RCSettings, expert_return: float
-) -> list[Selection]:
-    checkpoints, scores = school.train_under_trained(
-        settings.under_trained,
-        runs=settings.runs,
-        measure=settings.measure,
-        expert_return=expert_return,
+def _negatives(settings: RCSettings) -> Negatives:
+    return Negatives(
+        settings.negatives,
+        patience=_PATIENCE_LAPS * settings.lap_steps,
+        per_episode=settings.segment,
+        keep="last",
     )
-    bounds = np.linspace(0, settings.negatives, len(RC_BANDS) + 1).astype(int)
-    taken = []
-    for band, wanted in zip(RC_BANDS, np.diff(bounds).tolist(), strict=True):
-        drivers = [
-            checkpoints[row] for row in select_policies(scores, band, at_most=settings.policies)
-        ]
-        drives = drives_within(
-            band,
-            drivers,
-            school.course,
-            expert_return=expert_return,
-            patience=200 * settings.lap_steps,
-        )
-        taken += [
-            Selection(
-                drive, pairs, drive.total / expert_return, band.tier, first=len(drive) - pairs
-            )
-            for drive, pairs in first_pairs(drives, wanted, at_most=settings.segment)
-        ]
-        school.progress(f"drive quality {band.tier}", wanted, wanted)
-    return taken
+
+
+def _card_values(settings: RCSettings) -> Mapping[str, Any]:
+    laps = settings.lap_steps / CAR.lap_steps(find_track(settings.track))
+    return {
+        "car": CAR,
+        "laps": laps,
+        "is_lap": abs(laps - 1) < _WHOLE_LAP,
+        "is_usual": settings == RCSettings(),
+        "training_track": TRAINING_TRACK,
+        "test_tracks": TEST_TRACKS,
+        "count_collisions": _count_collisions,
+    }
+
+
+def _count_collisions(selections: Sequence[Selection]) -> int:
+    """Count the episodes that are kept to their end at a wall."""
+    return sum(selection.to_episode().ending == "terminated" for selection in selections)
+
+
+RC_LIDAR: World[RCSettings, RCLidarEnv] = World(
+    name="rc-lidar",
+    state_names=STATE_NAMES,
+    action_names=ACTION_NAMES,
+    bands=RC_BANDS,
+    make_env=_make_env,
+    record_expert=_record_expert,
+    negatives=_negatives,
+    card="rc_lidar_card.md.j2",
+    card_values=_card_values,
+)
+"""The paper's RC demonstrations: expert laps, half of them labeled, and unlabeled negatives."""

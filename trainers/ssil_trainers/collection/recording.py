@@ -1,8 +1,11 @@
-"""Driving an environment once and keeping what happened; knows no policy and no simulator."""
+"""Driving an environment episode by episode and keeping what happened.
+
+It knows no policy and no simulator.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -21,8 +24,20 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 class RecordedEpisode:
     """One whole episode of T steps as it was driven.
 
-    states (T, d) and positions (T, 2) in metres are from before, rewards (T,) from after the
-    actions (T, k) in [-1, 1]. ending is "terminated" or "truncated"; driver names the policy.
+    Parameters
+    ----------
+    states:
+        What the policy saw before each action (T, d).
+    actions:
+        What it did, noise included, in [-1, 1] (T, k).
+    rewards:
+        Underlying reward after each action (T,).
+    positions:
+        x, y before each action [m] (T, 2).
+    ending:
+        "terminated" or "truncated".
+    driver:
+        Name of the policy.
     """
 
     states: NDArray[np.float32]
@@ -37,67 +52,96 @@ class RecordedEpisode:
         return len(self.states)
 
     @property
-    def total(self) -> float:
-        """The return: the sum of the rewards."""
+    def total_reward(self) -> float:
+        """The return, the sum of the rewards: more is better."""
         return float(np.sum(self.rewards, dtype=np.float64))
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """So many pairs of a drive, from its `first` on; score is that of the whole drive."""
+    """The part of a recorded episode that a dataset keeps.
 
-    drive: RecordedEpisode
+    Parameters
+    ----------
+    recorded:
+        The whole episode.
+    pairs:
+        Number of pairs that are kept.
+    score:
+        Return of the whole episode over the expert's mean return: 1 is as good as the expert.
+    tier:
+        Name of the quality tier.
+    labeled:
+        Whether the pairs are labeled as expert's.
+    first:
+        First pair that is kept.
+    """
+
+    recorded: RecordedEpisode
     pairs: int
     score: float
     tier: str
     labeled: bool = False
     first: int = 0
 
-    def episode(self) -> Episode:
-        """Return it as a demonstration."""
+    def to_episode(self) -> Episode:
+        """Return the kept pairs as a demonstration; its ending is "cut" if they end earlier."""
         kept = slice(self.first, self.first + self.pairs)
         return Episode(
-            states=self.drive.states[kept],
-            actions=self.drive.actions[kept],
-            rewards=self.drive.rewards[kept],
-            positions=self.drive.positions[kept],
+            states=self.recorded.states[kept],
+            actions=self.recorded.actions[kept],
+            rewards=self.recorded.rewards[kept],
+            positions=self.recorded.positions[kept],
             labeled=self.labeled,
-            source=self.drive.driver,
+            source=self.recorded.driver,
             score=self.score,
             tier=self.tier,
-            ending=self.drive.ending if kept.stop == len(self.drive) else "cut",
+            ending=self.recorded.ending if kept.stop == len(self.recorded) else "cut",
         )
-
-
-def drivers_table(taken: Sequence[Selection], tiers: Sequence[str]) -> str:
-    """Return who drove how much of each tier, as a table in Markdown."""
-    rows = ["| tier | driver | episodes | pairs |", "|---|---|---|---|"]
-    for tier in tiers:
-        of_tier = [one for one in taken if one.tier == tier]
-        for driver in dict.fromkeys(one.drive.driver for one in of_tier):
-            driven = [one for one in of_tier if one.drive.driver == driver]
-            rows.append(
-                f"| {tier} | {driver} | {len(driven)} | {sum(one.pairs for one in driven):,} |"
-            )
-    return "\n".join(rows)
 
 
 def record(
     env: gymnasium.Env[Any, Any], policy: Policy, *, seed: int, action_noise: float = 0.0
 ) -> RecordedEpisode:
-    """Drive one episode until it ends or is cut off; `seed` draws the start and the trembling.
+    """Drive one episode until it ends or is cut off.
 
-    action_noise is the deviation of the normal noise on every action, whoever drives. The environment
-    tells position and underlying_reward in its info.
+    Parameters
+    ----------
+    env:
+        Environment whose info has position (2,) and, after a step, underlying_reward.
+    policy:
+        From a state to an action; str(policy) names the driver.
+    seed:
+        Draws the start and the noise on the actions.
+    action_noise:
+        Deviation of the normal noise on every action, the same for every policy.
+
+    Returns
+    -------
+    RecordedEpisode
+        All its steps.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.recording import record
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> def drive_straight(state):
+    ...     return np.zeros(1, dtype=np.float32)
+    >>> episode = record(RCLidarEnv("hall"), drive_straight, seed=0)
+    >>> episode.ending, len(episode) - episode.total_reward
+    ('terminated', 1.0)
     """
-    hand = np.random.default_rng([seed, 1])
-    states, actions, rewards, positions = [], [], [], []
+    noise = np.random.default_rng([seed, 1])
+    states = []
+    actions = []
+    rewards = []
+    positions = []
     state, info = env.reset(seed=seed)
     terminated = truncated = False
     while not (terminated or truncated):
-        meant = policy(state)
-        action = np.clip(meant + action_noise * hand.standard_normal(meant.shape), -1.0, 1.0)
-        action = action.astype(np.float32)
+        intended = policy(state)
+        noisy = intended + action_noise * noise.standard_normal(intended.shape)
+        action = np.clip(noisy, -1.0, 1.0).astype(np.float32)
         states.append(state)
         actions.append(action)
         positions.append(info["position"])
@@ -114,36 +158,81 @@ def record(
 
 
 class EvaluationCourse:
-    """Where drivers are compared: one environment and trembling for all, new starts every time."""
+    """Where policies are compared: one environment, the same noise for all, ever new starts.
+
+    Parameters
+    ----------
+    env:
+        The environment, as for `record`.
+    first_seed:
+        Seed of the first episode; every episode has the next one.
+    action_noise:
+        As for `record`.
+    """
 
     def __init__(
         self, env: gymnasium.Env[Any, Any], *, first_seed: int = 0, action_noise: float = 0.0
     ) -> None:
-        """Number the episodes' seeds from `first_seed`."""
-        self._env, self._seeds, self._action_noise = env, count(first_seed), action_noise
+        """Number the seeds."""
+        self._env = env
+        self._seeds = count(first_seed)
+        self._action_noise = action_noise
 
     def drive(self, policy: Policy) -> RecordedEpisode:
-        """Drive the next episode."""
+        """Record the next episode.
+
+        Parameters
+        ----------
+        policy:
+            Who drives it.
+        """
         return record(self._env, policy, seed=next(self._seeds), action_noise=self._action_noise)
 
-    def returns(self, policy: Policy, episodes: int) -> NDArray[np.float64]:
-        """Measure the returns of so many episodes."""
-        return np.array([self.drive(policy).total for _ in range(episodes)])
+    def measure_returns(self, policy: Policy, episodes: int) -> NDArray[np.float64]:
+        """Return the returns of the next episodes: more is better.
+
+        Parameters
+        ----------
+        policy:
+            Who drives them.
+        episodes:
+            How many are driven.
+        """
+        return np.array([self.drive(policy).total_reward for _ in range(episodes)])
 
 
-def first_pairs(
-    drives: Iterable[RecordedEpisode], pairs: int, *, at_most: int | None = None
+def take_pairs(
+    episodes: Iterable[RecordedEpisode], pairs: int, *, per_episode: int | None = None
 ) -> list[tuple[RecordedEpisode, int]]:
-    """Take drives until they hold `pairs` pairs; return each with how many of its pairs to keep.
+    """Take episodes until they hold enough pairs; the last one is cut to fit.
 
-    drives must not run out. Of one drive at most `at_most` pairs are kept, its first; the last
-    drive is cut to fit.
+    Parameters
+    ----------
+    episodes:
+        Recorded one after the other; they must not run out.
+    pairs:
+        Number of pairs in all.
+    per_episode:
+        Most pairs that are kept of one episode; None keeps whole episodes.
+
+    Returns
+    -------
+    list of (RecordedEpisode, int)
+        Each episode, and how many of its pairs are kept.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.recording import RecordedEpisode, take_pairs
+    >>> numbers = np.zeros((5, 2), dtype=np.float32)
+    >>> episode = RecordedEpisode(numbers, numbers, numbers[:, 0], numbers, "truncated", "me")
+    >>> [kept for _, kept in take_pairs([episode] * 3, 12)]
+    [5, 5, 2]
     """
     taken: list[tuple[RecordedEpisode, int]] = []
     missing = pairs
-    for drive in drives:
-        kept = min(len(drive), missing, at_most or len(drive))
-        taken.append((drive, kept))
+    for episode in episodes:
+        kept = min(len(episode), missing, per_episode or len(episode))
+        taken.append((episode, kept))
         missing -= kept
         if not missing:
             break

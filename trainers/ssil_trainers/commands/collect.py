@@ -1,25 +1,24 @@
 """The command `ssil-data collect`: drive, and write the demonstrations as a dataset.
 
-Every world is a command of its own with its own settings, so that none is taken and not used.
+Every world is a command of its own with its own settings, so that no setting is accepted and then
+ignored.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ssil_data.commands.output import Place, StorePlace, progress
+from ssil_data.commands.output import StoreLocation, StoreOption, progress
 from ssil_data.errors import ConflictError
-from ssil_data.store import Store
-from ssil_trainers.collection.racetrack import RacetrackSettings, collect_racetrack
-from ssil_trainers.collection.racetrack_card import racetrack_card
-from ssil_trainers.collection.rc_lidar import RCSettings, collect_rc
-from ssil_trainers.collection.rc_lidar_card import rc_card
-from ssil_trainers.envs.racetrack import env as racetrack_env
-from ssil_trainers.envs.rc_lidar import env as rc_env
+from ssil_trainers.collection.card import render_card
+from ssil_trainers.collection.collect import SettingsT, World
+from ssil_trainers.collection.collect import collect as collect_demonstrations
+from ssil_trainers.collection.racetrack import RACETRACK, RacetrackSettings
+from ssil_trainers.collection.rc_lidar import RC_LIDAR, RCSettings
 
 collect = App(name="collect")
 
@@ -30,7 +29,7 @@ def racetrack(
     seed: int = 0,
     name: str = "racetrack",
     settings: Annotated[RacetrackSettings, Parameter(name="*")] = RacetrackSettings(),  # noqa: B008
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
 ) -> None:
     """Train drivers on highway-env's racetrack, let them drive, and write a dataset.
 
@@ -41,16 +40,7 @@ def racetrack(
     name:
         The dataset's name in the store.
     """
-    store, command = _refuse_taken_name(place, name), _command("racetrack", seed, name, settings)
-    with progress() as report:
-        collected = collect_racetrack(seed=seed, settings=settings, progress=report)
-    store.create(
-        name,
-        collected.episodes(),
-        state_names=racetrack_env.STATE_NAMES,
-        action_names=racetrack_env.ACTION_NAMES,
-        card=racetrack_card(name, collected, command=command),
-    )
+    write_dataset(RACETRACK, settings, seed=seed, name=name, location=location)
 
 
 @collect.command(name="rc-lidar")
@@ -59,7 +49,7 @@ def rc_lidar(
     seed: int = 0,
     name: str = "rc-lidar",
     settings: Annotated[RCSettings, Parameter(name="*")] = RCSettings(),  # noqa: B008
-    place: StorePlace = Place(),  # noqa: B008
+    location: StoreOption = StoreLocation(),  # noqa: B008
 ) -> None:
     """Let an expert drive the RC car, train worse drivers, and write a dataset.
 
@@ -70,35 +60,60 @@ def rc_lidar(
     name:
         The dataset's name in the store.
     """
-    store, command = _refuse_taken_name(place, name), _command("rc-lidar", seed, name, settings)
+    write_dataset(RC_LIDAR, settings, seed=seed, name=name, location=location)
+
+
+def write_dataset(
+    world: World[SettingsT, Any],
+    settings: SettingsT,
+    *,
+    seed: int,
+    name: str,
+    location: StoreLocation,
+) -> None:
+    """Collect demonstrations and write them with their card.
+
+    Parameters
+    ----------
+    world:
+        Where they are collected.
+    settings:
+        The world's settings.
+    seed:
+        The same seed gives the same demonstrations.
+    name:
+        The dataset's name in the store.
+    location:
+        Where the store is.
+
+    Raises
+    ------
+    ConflictError
+        If there is a dataset of that name; nothing is trained then.
+    """
+    store = location.open()
+    if name in store:
+        raise ConflictError(
+            f"dataset: {name!r} already exists in {location.store}; choose another name with --name"
+        )
     with progress() as report:
-        collected = collect_rc(seed=seed, settings=settings, progress=report)
+        collection = collect_demonstrations(world, settings, seed=seed, progress=report)
+    command = " ".join(
+        [f"ssil-data collect {world.name} --seed {seed} --name {name}", *_flags(settings)]
+    )
     store.create(
         name,
-        collected.episodes(),
-        state_names=rc_env.STATE_NAMES,
-        action_names=rc_env.ACTION_NAMES,
-        card=rc_card(name, collected, command=command),
+        collection.episodes(),
+        state_names=world.state_names,
+        action_names=world.action_names,
+        card=render_card(collection, name=name, command=command),
     )
 
 
-def _refuse_taken_name(place: Place, name: str) -> Store:
-    """Open the store, before anything is trained for a name that is taken."""
-    store = place.open()
-    if name in store:
-        raise ConflictError(f"dataset: expected an unused name in {place.store}, found {name!r}")
-    return store
-
-
-def _command(world: str, seed: int, name: str, settings: RacetrackSettings | RCSettings) -> str:
-    """Return the line that makes the dataset again."""
-    return " ".join([f"ssil-data collect {world} --seed {seed} --name {name}", *_flags(settings)])
-
-
-def _flags(settings: RacetrackSettings | RCSettings) -> Iterator[str]:
-    """Yield the flags that make these settings of the usual ones."""
-    usual = type(settings)()
+def _flags(settings: Any) -> Iterator[str]:
+    """Yield the flags of the settings that differ from the defaults."""
+    defaults = type(settings)()
     for field in fields(settings):
         value = getattr(settings, field.name)
-        if value != getattr(usual, field.name):
+        if value != getattr(defaults, field.name):
             yield f"--{field.name.replace('_', '-')} {value}"

@@ -1,4 +1,4 @@
-"""Which environment a text means, and how to make one of it, or many side by side."""
+"""Environments by name and settings, one or many side by side."""
 
 from __future__ import annotations
 
@@ -14,13 +14,35 @@ import ssil_trainers.envs  # noqa: F401  registers the ids
 from ssil_data.errors import InvalidInputError, NotFoundError
 
 TASKS = {"racetrack": "SSILRacetrack-v0", "rc-lidar": "RCLidar-v0"}
-"""Short names; any other registered gymnasium id is meant as it stands."""
+"""Short names; any other name is a registered gymnasium id."""
 
 
 def find_spec(task: str) -> EnvSpec:
-    """Look up a task such as `racetrack` or, with settings, `racetrack?policy_hz=5&track=large`.
+    """Look up a task by name and settings.
 
-    Raises NotFoundError for an unknown name, InvalidInputError for settings of another form.
+    Parameters
+    ----------
+    task:
+        `racetrack`, `rc-lidar` or a gymnasium id, with settings as in a URL:
+        `racetrack?policy_hz=5&track=large`.
+
+    Returns
+    -------
+    gymnasium.envs.registration.EnvSpec
+        A copy of the registered specification with these settings.
+
+    Raises
+    ------
+    NotFoundError
+        For an unknown name.
+    InvalidInputError
+        For settings of another form.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.registry import find_spec
+    >>> find_spec("racetrack?policy_hz=5&track=large").kwargs
+    {'policy_hz': 5, 'track': 'large'}
     """
     name, _, query = task.partition("?")
     try:
@@ -37,7 +59,26 @@ def find_spec(task: str) -> EnvSpec:
 
 
 def make_single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[Any, Any]:
-    """Make one environment, the real one; errors as in `spec_of`."""
+    """Make one environment, the one in which scores are measured.
+
+    Parameters
+    ----------
+    task:
+        As for `find_spec`.
+    render_mode:
+        None or one of the environment's.
+
+    Raises
+    ------
+    NotFoundError, InvalidInputError
+        As `find_spec`; InvalidInputError also for settings that the environment does not have.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.registry import make_single
+    >>> make_single("rc-lidar?track=yard").observation_space.shape
+    (20,)
+    """
     try:
         return gymnasium.make(find_spec(task), render_mode=render_mode)
     except TypeError as error:
@@ -45,12 +86,31 @@ def make_single(task: str, *, render_mode: str | None = None) -> gymnasium.Env[A
 
 
 def make_vectorized(task: str, count: int) -> VectorEnv[Any, Any, Any]:
-    """Make `count` environments that are stepped together; errors as in `spec_of`.
+    """Make environments that are stepped together; an ended episode starts anew in the same step.
 
-    The project's own tasks have a vectorised twin, any other is stepped one by one, and so is the
-    racetrack with highway-env's traffic. An ended episode starts anew in the same step.
+    The project's own tasks have a vectorized twin; any other task, and the racetrack with
+    highway-env's traffic, is stepped one by one.
+
+    Parameters
+    ----------
+    task:
+        As for `find_spec`.
+    count:
+        Number of environments.
+
+    Raises
+    ------
+    NotFoundError, InvalidInputError
+        As `make_single`.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.registry import make_vectorized
+    >>> make_vectorized("rc-lidar", 4).reset(seed=0)[0].shape
+    (4, 20)
     """
-    spec, mode = find_spec(task), AutoresetMode.SAME_STEP
+    spec = find_spec(task)
+    mode = AutoresetMode.SAME_STEP
     try:
         if spec.id in TASKS.values() and not spec.kwargs.get("other_vehicles"):
             return gymnasium.make_vec(spec, num_envs=count, autoreset_mode=mode)
@@ -65,7 +125,7 @@ def make_vectorized(task: str, count: int) -> VectorEnv[Any, Any, Any]:
 
 
 def _number(text: str) -> int | float | str:
-    """Return the number that a text means; 1_0 is none, though Python reads it as 10."""
+    """Return the number that a text spells, else the text; 1_0 is none, though Python reads 10."""
     for kind in (int, float) if "_" not in text else ():
         try:
             return kind(text)

@@ -1,4 +1,4 @@
-"""A gymnasium vector environment as stable-baselines3 wants it; knows no particular environment."""
+"""A gymnasium vector environment in stable-baselines3's form; it knows no particular one."""
 
 from __future__ import annotations
 
@@ -17,13 +17,29 @@ Stepped = tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[
 
 
 class StableBaselinesVecEnv(VecEnv):
-    """The same states, rewards and infos as stable-baselines3's DummyVecEnv of single ones."""
+    """The same states, rewards and infos as stable-baselines3's DummyVecEnv of single ones.
+
+    Parameters
+    ----------
+    envs:
+        Environments whose ended episodes start anew in the same step.
+
+    Raises
+    ------
+    InvalidInputError
+        For another autoreset mode.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.registry import make_vectorized
+    >>> from ssil_trainers.envs.sb3_vec_env import StableBaselinesVecEnv
+    >>> envs = StableBaselinesVecEnv(make_vectorized("rc-lidar", 4))
+    >>> envs.reset().shape
+    (4, 20)
+    """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Take environments that start anew in the step that ends an episode.
-
-        Raises InvalidInputError for another autoreset mode.
-        """
+        """Check the autoreset mode."""
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise InvalidInputError(
@@ -35,7 +51,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._actions: NDArray[Any] = np.zeros(0)
 
     def reset(self) -> NDArray[Any]:
-        """Start all of them anew, with the seeds that `seed` left."""
+        """Start all of them anew, with the seeds that `seed` set."""
         if any(self._options):
             raise InvalidInputError("options: expected none for environments that share a reset")
         states, info = self.envs.reset(seed=self._seeds)  # pyright: ignore[reportArgumentType]
@@ -44,14 +60,21 @@ class StableBaselinesVecEnv(VecEnv):
         return states
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keep the actions for `step_wait`."""
+        """Keep the actions for `step_wait`.
+
+        Parameters
+        ----------
+        actions:
+            One for each environment (n, k).
+        """
         self._actions = actions
 
     def step_wait(self) -> Stepped:
         """Step all of them; the infos of an ended episode are those of its last step."""
         states, rewards, terminated, truncated, info = self.envs.step(self._actions)
         ended = terminated | truncated
-        final, last_states = info.pop("final_info", {}), info.pop("final_obs", None)
+        final = info.pop("final_info", {})
+        last_states = info.pop("final_obs", None)
         infos = list(self._each(info))
         if ended.any():
             finals = list(self._each(final))
@@ -73,17 +96,45 @@ class StableBaselinesVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the attribute they share, once for each."""
+        """Return the attribute that the environments share, once for each.
+
+        Parameters
+        ----------
+        attr_name:
+            Name of the attribute.
+        indices:
+            Which environments; None is all.
+        """
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refuse: they are one environment."""
+        """Refuse to set an attribute: the environments are one object.
+
+        Parameters
+        ----------
+        attr_name, value, indices:
+            Ignored.
+        """
         raise NotImplementedError(f"{attr_name} cannot be set for some of {self.envs}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **settings: Any) -> Any:
-        """Refuse: they are one environment."""
+        """Refuse to call a method: the environments are one object.
+
+        Parameters
+        ----------
+        method_name, args, indices, settings:
+            Ignored.
+        """
         raise NotImplementedError(f"{method_name} cannot be called for some of {self.envs}")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: VecEnvIndices = None) -> list[bool]:
-        """No single one is wrapped."""
+        """Return False for each environment: none is wrapped on its own.
+
+        Parameters
+        ----------
+        wrapper_class:
+            Ignored.
+        indices:
+            Which environments; None is all.
+        """
         return [False for _ in self._get_indices(indices)]

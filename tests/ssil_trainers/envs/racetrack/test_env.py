@@ -14,7 +14,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 import ssil_trainers.envs  # noqa: F401  registers the id
 from ssil_data.errors import InvalidInputError
 from ssil_data.store import Store
-from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, STATE_NAMES, RacetrackEnv, Track
+from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, STATE_NAMES, RacetrackEnv, TrackName
 from ssil_trainers.envs.racetrack.starts import Start
 from ssil_trainers.envs.racetrack.state import Car, observe, underlying_reward
 from support.demonstrations import DATASETS
@@ -42,17 +42,17 @@ def drive(env: RacetrackEnv, seed: int, steps: int) -> np.ndarray:
     return np.array(states)
 
 
-def test_gymnasium_finds_nothing_to_complain_about() -> None:
+def test_gymnasiums_checker_accepts_it() -> None:
     gymnasium_check(gymnasium.make("SSILRacetrack-v0", render_mode="rgb_array").unwrapped)
 
 
-def test_stable_baselines_finds_nothing_to_complain_about() -> None:
+def test_stable_baselines_checker_accepts_it() -> None:
     stable_baselines_check(RacetrackEnv())
 
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
 def test_a_careful_driver_goes_round_every_track_and_sees_only_the_observation_space(
-    track: Track,
+    track: TrackName,
 ) -> None:
     env = RacetrackEnv(track)
     states = drive(env, seed=3, steps=600)
@@ -74,7 +74,7 @@ def test_ppo_learns_it_out_of_the_box() -> None:
 
 
 def traffic(env: RacetrackEnv, *, ahead: float, speed: float = 0.0) -> None:
-    """Put the only other vehicle so many metres ahead, in the middle of the car's lane."""
+    """Put the only other vehicle so many meters ahead, in the middle of the car's lane."""
     (other,) = env._others()
     car, lane = env.car, env._simulator.vehicle.lane
     other.position = lane.position(car.longitudinal + ahead, 0.0)
@@ -246,7 +246,7 @@ def test_info_tells_the_reward_and_where_the_car_is() -> None:
     np.testing.assert_array_equal(info["position"], env._simulator.vehicle.position)
 
 
-def test_rendering_gives_a_picture_only_where_one_was_asked_for() -> None:
+def test_rendering_gives_a_picture_only_with_a_render_mode() -> None:
     env = RacetrackEnv(render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()

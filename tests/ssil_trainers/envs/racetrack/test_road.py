@@ -10,7 +10,7 @@ from highway_env.road.lane import SineLane
 from highway_env.road.road import RoadNetwork
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, Track
+from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, TrackName
 from ssil_trainers.envs.racetrack.road import Road
 from ssil_trainers.envs.racetrack.state import RAY_DEGREES, SIGHT
 
@@ -42,7 +42,7 @@ def march(network: RoadNetwork, start: np.ndarray, angle: float) -> float:
 
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
-def test_rays_end_where_marching_leaves_the_road(track: Track) -> None:
+def test_rays_end_where_marching_leaves_the_road(track: TrackName) -> None:
     env = RacetrackEnv(track)
     network, rng = env._simulator.road.network, np.random.default_rng(1)
     differences = []
@@ -54,7 +54,7 @@ def test_rays_end_where_marching_leaves_the_road(track: Track) -> None:
         measured = env.road.ray_distances(car.x, car.y, angles, REACH)
         slow = [march(network, np.array([car.x, car.y]), angle) for angle in angles]
         differences.append(np.abs(measured - slow) / np.maximum(slow, 1.0))
-    # highway-env's sections overlap or miss each other by a few centimetres where they meet.
+    # highway-env's sections overlap or miss each other by a few centimeters where they meet.
     assert np.median(differences) < 1e-3
     assert np.mean(np.array(differences) < 0.02) > 0.95
 
@@ -68,8 +68,8 @@ def slow_ray(road: Road, x: float, y: float, cos: float, sin: float) -> float:
         if across and -1e-9 <= (to_x * sin - to_y * cos) / across <= 1 + 1e-9:
             distance = (to_x * along_y - to_y * along_x) / across
             nearest = min(nearest, distance) if distance >= 0 else nearest
-    for centre_x, centre_y, radius, middle_x, middle_y, opening in road.edges.arcs.tolist():
-        away_x, away_y = x - centre_x, y - centre_y
+    for center_x, center_y, radius, middle_x, middle_y, opening in road.edges.arcs.tolist():
+        away_x, away_y = x - center_x, y - center_y
         to_middle = -(cos * away_x + sin * away_y)
         square = to_middle * to_middle - (away_x * away_x + away_y * away_y - radius * radius)
         for half_chord in (-math.sqrt(square), math.sqrt(square)) if square >= 0 else ():
@@ -81,7 +81,7 @@ def slow_ray(road: Road, x: float, y: float, cos: float, sin: float) -> float:
 
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
-def test_compiled_rays_are_the_slow_ones_to_the_last_bit(track: Track) -> None:
+def test_compiled_rays_are_the_slow_ones_to_the_last_bit(track: TrackName) -> None:
     env, rng = RacetrackEnv(track), np.random.default_rng(4)
     for seed in range(30):
         env.reset(seed=seed)
@@ -96,7 +96,7 @@ def test_compiled_rays_are_the_slow_ones_to_the_last_bit(track: Track) -> None:
 
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
-def test_no_ray_from_the_road_escapes(track: Track) -> None:
+def test_no_ray_from_the_road_escapes(track: TrackName) -> None:
     env = RacetrackEnv(track)
     around = np.linspace(0.0, 2 * np.pi, 721)
     for seed in range(40):
@@ -125,7 +125,7 @@ def test_rays_in_a_turn_measure_its_circles() -> None:
 
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
-def test_every_lane_continues_where_it_ends(track: Track) -> None:
+def test_every_lane_continues_where_it_ends(track: TrackName) -> None:
     env = RacetrackEnv(track)
     network, road = env._simulator.road.network, env.road
     lanes = [network.get_lane(index) for index in road.number]
@@ -139,15 +139,15 @@ def test_a_lane_that_is_neither_straight_nor_circular_is_refused() -> None:
     network = RacetrackEnv()._simulator.road.network
     network.graph["a"]["b"][1] = SineLane([42, 5], [100, 5], amplitude=1, pulsation=1, phase=0)
     with pytest.raises(InvalidInputError, match=r"\('a', 'b', 1\): .* found SineLane"):
-        Road.of(network)
+        Road.from_network(network)
 
 
 def test_curvature_ahead_walks_round_the_lap() -> None:
     road = RacetrackEnv().road
     lap = road.lanes.length[::2].sum()
     for lane in (0, 4, 8):
-        for metres in (0.0, 5.0, 22.0):
-            once = road.curvature_ahead(lane, 1.0, metres)
-            assert road.curvature_ahead(lane, 1.0, metres + lap) == once
+        for meters in (0.0, 5.0, 22.0):
+            once = road.curvature_ahead(lane, 1.0, meters)
+            assert road.curvature_ahead(lane, 1.0, meters + lap) == once
     assert road.curvature_ahead(0, 0.0, 59.0) == pytest.approx(-1 / 20)
     assert road.curvature_ahead(0, 0.0, 57.0) == 0.0

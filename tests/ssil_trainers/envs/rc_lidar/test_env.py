@@ -16,13 +16,14 @@ from stable_baselines3.common.env_util import make_vec_env
 
 import ssil_trainers.envs  # noqa: F401  registers the ids
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.collection.pure_pursuit import Pursuit
+from ssil_trainers.collection.pure_pursuit import PurePursuit
 from ssil_trainers.collection.recording import record
 from ssil_trainers.envs.rc_lidar.car import RCCar
-from ssil_trainers.envs.rc_lidar.env import STATE_NAMES, RCLidarEnv, RCLidarVectorEnv
-from ssil_trainers.envs.rc_lidar.rendering import color_of, drive_picture
+from ssil_trainers.envs.rc_lidar.env import STATE_NAMES, RCLidarEnv
+from ssil_trainers.envs.rc_lidar.rendering import color_for, draw_drive
 from ssil_trainers.envs.rc_lidar.track import save_track
 from ssil_trainers.envs.rc_lidar.tracks import NAMED, find_track
+from ssil_trainers.envs.rc_lidar.vector_env import RCLidarVectorEnv
 from support.environment_steps import drive
 
 STILL = np.zeros(1, dtype=np.float32)
@@ -102,7 +103,7 @@ def test_the_lidar_sees_what_rays_from_its_place_meet() -> None:
 def test_starts_are_spread_over_the_lap_and_near_the_line() -> None:
     fleet = RCLidarVectorEnv(3_000, "yard")
     _, infos = fleet.reset(seed=0)
-    line = fleet.track.places(0.05)[:, :2]
+    line = fleet.track.sample_poses(0.05)[:, :2]
     gaps = np.linalg.norm(infos["position"][:, None] - line[None, ::8], axis=2)
     assert gaps.min(axis=1).max() <= np.hypot(0.1, 0.2) + 0.01
     counts = np.histogram(gaps.argmin(axis=1), bins=16)[0]
@@ -121,8 +122,8 @@ def test_the_previous_steering_is_in_the_state_and_clipped() -> None:
 def test_a_lap_is_400_steps_and_the_expert_survives_it(track: str) -> None:
     env = RCLidarEnv(track)
     assert env.episode_steps == 400
-    lap = record(env, Pursuit(env, ahead=1.4), seed=0)
-    assert (len(lap), lap.total, lap.ending) == (400, 400.0, "truncated")
+    lap = record(env, PurePursuit(env, ahead=1.4), seed=0)
+    assert (len(lap), lap.total_reward, lap.ending) == (400, 400.0, "truncated")
     gone = np.linalg.norm(lap.positions[-1] - lap.positions[0])
     assert gone < 2.0, "one lap ends where it began"
 
@@ -168,11 +169,11 @@ def test_pictures_come_as_fast_as_decisions(form: Any) -> None:
     assert form().metadata["render_fps"] == form.metadata["render_fps"] == 10
 
 
-def test_a_track_is_told_by_its_name_its_file_or_itself(tmp_path: Path) -> None:
+def test_a_track_is_given_by_its_name_its_file_or_as_a_track(tmp_path: Path) -> None:
     track = find_track("hall")
     save_track(track, tmp_path / "mine.csv")
-    for told in (track, "hall", tmp_path / "mine.csv", str(tmp_path / "mine.csv")):
-        np.testing.assert_array_equal(RCLidarEnv(told).track.centre, track.centre)
+    for given in (track, "hall", tmp_path / "mine.csv", str(tmp_path / "mine.csv")):
+        np.testing.assert_array_equal(RCLidarEnv(given).track.center, track.center)
 
 
 def test_pictures_show_the_car_and_move_with_it() -> None:
@@ -190,16 +191,16 @@ def test_pictures_show_the_car_and_move_with_it() -> None:
     np.testing.assert_array_equal(fleet.render()[0], first)
 
 
-def test_a_drive_is_painted_in_the_colours_of_its_values() -> None:
+def test_a_drive_is_painted_in_the_colors_of_its_values() -> None:
     track = find_track("yard")
-    path = track.places(0.4)[:, :2]
+    path = track.sample_poses(0.4)[:, :2]
     for value in (0.0, 1.0):
-        image = np.asarray(drive_picture(track, path, np.full(len(path), value)))
-        painted = (image == color_of(value)).all(axis=2).sum()
-        other = (image == color_of(1 - value)).all(axis=2).sum()
+        image = np.asarray(draw_drive(track, path, np.full(len(path), value)))
+        painted = (image == color_for(value)).all(axis=2).sum()
+        other = (image == color_for(1 - value)).all(axis=2).sum()
         assert painted > 1_000 > other
     with pytest.raises(InvalidInputError, match=r"one for each position, found \(3,\)"):
-        drive_picture(track, path, np.zeros(3))
+        draw_drive(track, path, np.zeros(3))
 
 
 def test_the_state_has_the_papers_twenty_numbers() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssil_trainers.envs.rc_lidar import kernels as rc_kernel
+from ssil_trainers.envs.rc_lidar import kernels
 from ssil_trainers.envs.rc_lidar.car import RCCar
-from ssil_trainers.envs.rc_lidar.env import RCLidarEnv, RCLidarVectorEnv
+from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
 from ssil_trainers.envs.rc_lidar.lidar import Walls
 from ssil_trainers.envs.rc_lidar.tracks import find_track
+from ssil_trainers.envs.rc_lidar.vector_env import RCLidarVectorEnv
 
 ROOM = [[-5, -5, 5, -5], [5, -5, 5, 5], [5, 5, -5, 5], [-5, 5, -5, -5]]
 """Far from the car, whose rectangle runs from -.09 to .42 m and .135 m to either side."""
@@ -34,9 +35,9 @@ def test_a_spike_through_any_side_of_the_car_touches_it(
 ) -> None:
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     turned = (np.reshape(wall, (2, 2)) @ turn.T).ravel()
-    grid = Walls.of([*ROOM, turned]).grid
-    world = RCCar().on(find_track("hall"))._replace(grid=grid)
-    assert rc_kernel.touches(world, 0.0, 0.0, heading) is hit
+    grid = Walls.from_segments([*ROOM, turned]).grid
+    world = RCCar().build_world(find_track("hall"))._replace(grid=grid)
+    assert kernels.touches_wall(world, 0.0, 0.0, heading) is hit
 
 
 @pytest.mark.parametrize(
@@ -51,13 +52,15 @@ def test_a_spike_through_any_side_of_the_car_touches_it(
 )
 def test_a_start_is_blocked_by_a_wall_through_the_car(walls: list[list[float]], row: int) -> None:
     starts = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
-    world = RCCar().on(find_track("hall"))
+    world = RCCar().build_world(find_track("hall"))
     aside = 0.0 if row == 1 else 0.15
-    world = world._replace(grid=Walls.of([*ROOM, *walls]).grid, starts=starts, aside=aside)
-    assert rc_kernel.find_blocked_start(world, np.zeros(1)) == row
+    world = world._replace(
+        grid=Walls.from_segments([*ROOM, *walls]).grid, starts=starts, aside=aside
+    )
+    assert kernels.find_blocked_start(world, np.zeros(1)) == row
 
 
-def test_a_held_wheel_turns_the_car_along_its_circle() -> None:
+def test_constant_steering_turns_the_car_along_its_circle() -> None:
     car = RCCar(steering_lag=0.0, substeps=200)
     env = RCLidarEnv("yard", car=car)
     env.reset(seed=0)
@@ -104,7 +107,7 @@ def star(seed: int, corners: int) -> np.ndarray:
 @pytest.mark.parametrize("cell", [0.07, 0.5, 3.0])
 def test_no_ray_slips_through_a_joint_that_it_is_aimed_at(cell: float) -> None:
     corners = star(0, 400)
-    walls = Walls.of(np.hstack([corners, np.roll(corners, -1, axis=0)]), cell=cell)
+    walls = Walls.from_segments(np.hstack([corners, np.roll(corners, -1, axis=0)]), cell=cell)
     poses = np.random.default_rng(1).uniform(-0.3, 0.3, (60, 2))
     for x, y in poses:
         away = corners - [x, y]
@@ -119,7 +122,9 @@ def test_walls_on_the_borders_of_cells_are_seen_from_both_sides() -> None:
     for place in at[1:]:
         for along in (0, 1):
             wall = [place, low, place, high] if along else [low, place, high, place]
-            walls = Walls.of([[low, low, low, high], [low, high, high, high], wall], cell=cell)
+            walls = Walls.from_segments(
+                [[low, low, low, high], [low, high, high, high], wall], cell=cell
+            )
             across = np.array([place, 1.3]) if along else np.array([1.3, place])
             for side in (-1, 1):
                 pose = across + side * (np.array([0.4, 0]) if along else np.array([0, 0.4]))

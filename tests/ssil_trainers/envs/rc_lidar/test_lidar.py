@@ -13,7 +13,7 @@ from PIL import Image
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.rc_lidar.lidar import Walls
-from ssil_trainers.envs.rc_lidar.occupancy import load_map, walls_of
+from ssil_trainers.envs.rc_lidar.occupancy import load_map, outline_pixels
 from ssil_trainers.envs.rc_lidar.track import load_track
 
 ROOM = [[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]]
@@ -40,25 +40,25 @@ def brute_force(
 
 
 def test_ranges_in_a_room_are_those_of_a_ruler() -> None:
-    ranges = Walls.of(ROOM).scan([1, 1, 0], np.deg2rad([-90, 0, 45, 90, 180]), reach=10)
+    ranges = Walls.from_segments(ROOM).scan([1, 1, 0], np.deg2rad([-90, 0, 45, 90, 180]), reach=10)
     np.testing.assert_allclose(ranges, [[1, 3, 2 * np.sqrt(2), 2, 1]], atol=1e-9)
 
 
 def test_left_is_positive_and_the_heading_turns_the_fan() -> None:
-    walls = Walls.of(ROOM)
+    walls = Walls.from_segments(ROOM)
     np.testing.assert_allclose(
         walls.scan([1, 1, np.pi / 2], [-np.pi / 2, 0, np.pi / 2], reach=10), [[3, 2, 1]]
     )
 
 
 def test_nothing_is_farther_than_the_reach() -> None:
-    assert Walls.of(ROOM).scan([1, 1, 0], [0.0], reach=2.5).item() == 2.5
+    assert Walls.from_segments(ROOM).scan([1, 1, 0], [0.0], reach=2.5).item() == 2.5
 
 
 def test_no_ray_slips_through_the_joints_of_a_closed_line() -> None:
     angles = np.linspace(0, 2 * np.pi, 41)
     corners = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    walls = Walls.of(np.hstack([corners[:-1], corners[1:]]), cell=0.13)
+    walls = Walls.from_segments(np.hstack([corners[:-1], corners[1:]]), cell=0.13)
     ranges = walls.scan([0, 0, 0], np.concatenate([angles, np.linspace(0, 7, 2_000)]), reach=10)
     assert ranges.max() <= 1 + 1e-9
     assert ranges.min() >= np.cos(np.pi / 40) - 1e-9
@@ -70,7 +70,7 @@ def test_rays_end_where_a_search_of_all_walls_says(seed: int, count: int, cell: 
     rng = np.random.default_rng(seed)
     pieces = rng.uniform(-3, 3, (count, 4))
     pieces[0] = [-3.5, -3.5, 3.5, 3.5]  # so that the rectangle around the walls holds the poses
-    walls = Walls.of(pieces, cell=cell)
+    walls = Walls.from_segments(pieces, cell=cell)
     poses = np.column_stack([rng.uniform(-3, 3, (4, 2)), rng.uniform(-4, 4, 4)])
     ranges = walls.scan(poses, BEAMS, reach=5.0)
     for (x, y, heading), row in zip(poses, ranges, strict=True):
@@ -80,7 +80,7 @@ def test_rays_end_where_a_search_of_all_walls_says(seed: int, count: int, cell: 
 
 
 def test_a_pose_outside_of_all_walls_sees_none() -> None:
-    assert (Walls.of(ROOM).scan([9, 9, np.pi], BEAMS, reach=6) == 6).all()
+    assert (Walls.from_segments(ROOM).scan([9, 9, np.pi], BEAMS, reach=6) == 6).all()
 
 
 @pytest.mark.parametrize(
@@ -100,14 +100,14 @@ def test_a_pose_outside_of_all_walls_sees_none() -> None:
         ({"reach": np.nan}, "reach: expected a length above 0, found nan"),
     ],
 )
-def test_scans_that_are_none_are_refused(wrong: dict[str, Any], message: str) -> None:
-    told: dict[str, Any] = {"poses": [1, 1, 0], "beams": BEAMS, "reach": 9.0}
+def test_invalid_scans_are_refused(wrong: dict[str, Any], message: str) -> None:
+    valid: dict[str, Any] = {"poses": [1, 1, 0], "beams": BEAMS, "reach": 9.0}
     with pytest.raises(InvalidInputError, match=message):
-        Walls.of(ROOM).scan(**{**told, **wrong})
+        Walls.from_segments(ROOM).scan(**{**valid, **wrong})
 
 
 def test_many_poses_no_pose_and_an_endless_reach_are_scans() -> None:
-    walls = Walls.of(ROOM)
+    walls = Walls.from_segments(ROOM)
     assert walls.scan(np.empty((0, 3)), BEAMS, reach=1).shape == (0, len(BEAMS))
     assert walls.scan([[1, 1, 0], [9, 9, 0]], [0.0], reach=np.inf).tolist() == [[3.0], [np.inf]]
 
@@ -122,15 +122,15 @@ def test_many_poses_no_pose_and_an_endless_reach_are_scans() -> None:
         ([[0, 0, 1e200, 1e200]], "expected at most 50,000,000 cells"),
     ],
 )
-def test_walls_that_are_none_are_refused(walls: np.ndarray, message: str) -> None:
+def test_invalid_walls_are_refused(walls: np.ndarray, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
-        Walls.of(walls)
+        Walls.from_segments(walls)
 
 
 def test_a_pixels_outline_runs_between_its_border_and_its_middle() -> None:
     pixels = np.zeros((9, 9), dtype=bool)
     pixels[4, 6] = True
-    walls = walls_of(pixels, resolution=0.5, origin=(10.0, 20.0))
+    walls = outline_pixels(pixels, resolution=0.5, origin=(10.0, 20.0))
     borders = np.array([13 + 0.125, 13.5 - 0.125, 22 + 0.125, 22.5 - 0.125])
     drawn = walls.segments
     found = [
@@ -146,7 +146,7 @@ def test_a_pixels_outline_runs_between_its_border_and_its_middle() -> None:
 def test_no_ray_slips_between_diagonal_pixels(flip: bool) -> None:
     pixels = np.eye(12, dtype=bool)
     pixels = pixels[:, ::-1] if flip else pixels
-    walls = walls_of(pixels, resolution=1.0, origin=(0.0, 0.0))
+    walls = outline_pixels(pixels, resolution=1.0, origin=(0.0, 0.0))
     x, heading = (8.0, 3 * np.pi / 4) if not flip else (4.0, np.pi / 4)
     ranges = walls.scan([x, 4.0, heading], np.linspace(-0.7, 0.7, 999), reach=30)
     assert ranges.max() < 30
@@ -167,9 +167,9 @@ def test_a_map_is_read_with_its_lowest_row_at_the_origin(tmp_path: Path) -> None
     for wrong, message in (
         (yaml.replace("0.1\n", "-0.1\n"), "positive resolution"),
         (yaml.replace("0.0]", "0.5]"), "angle 0"),
-        (yaml.replace("negate: 0\n", ""), r"expected the keys \['negate'\]"),
+        (yaml.replace("negate: 0\n", ""), r"the keys \['negate'\] are missing"),
         (yaml.replace("0.65", "dark"), "expected a number for occupied_thresh, found 'dark'"),
-        (yaml.replace("room.png", "none.png"), "none.png: expected an image"),
+        (yaml.replace("room.png", "none.png"), "none.png: cannot read the map's image"),
     ):
         (tmp_path / "wrong.yaml").write_text(wrong, encoding="utf-8")
         with pytest.raises(InvalidInputError, match=message):
@@ -177,8 +177,8 @@ def test_a_map_is_read_with_its_lowest_row_at_the_origin(tmp_path: Path) -> None
 
 
 def test_a_map_without_obstacles_is_refused() -> None:
-    with pytest.raises(InvalidInputError, match="occupied pixels, found none"):
-        walls_of(np.zeros((5, 5)), resolution=1, origin=(0, 0))
+    with pytest.raises(InvalidInputError, match="map: no pixel is occupied"):
+        outline_pixels(np.zeros((5, 5)), resolution=1, origin=(0, 0))
 
 
 def test_ranges_agree_with_f1tenth_gyms_own_scans(shared_data: Path) -> None:

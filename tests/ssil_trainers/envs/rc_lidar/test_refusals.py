@@ -11,8 +11,9 @@ from gymnasium.error import ResetNeeded
 import ssil_trainers.envs  # noqa: F401  registers the ids
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.rc_lidar.car import RCCar
-from ssil_trainers.envs.rc_lidar.env import RCLidarEnv, RCLidarVectorEnv
+from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
 from ssil_trainers.envs.rc_lidar.track import Track
+from ssil_trainers.envs.rc_lidar.vector_env import RCLidarVectorEnv
 
 STILL = np.zeros(1, dtype=np.float32)
 

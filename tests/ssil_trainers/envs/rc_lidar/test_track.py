@@ -25,7 +25,7 @@ from ssil_trainers.envs.rc_lidar.tracks import (
 
 
 def ring(radius: float, width: float, points: int = 60, *, name: str = "ring") -> Track:
-    """A circle driven counterclockwise, `width` metres to either side."""
+    """A circle driven counterclockwise, `width` meters to either side."""
     angles = 2 * np.pi * np.arange(points) / points
     half = np.full(points, width)
     return Track(name, radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), half, half)
@@ -63,7 +63,7 @@ def test_a_square_has_square_walls() -> None:
     np.testing.assert_allclose(track.right_wall, [[-1, -1], [10, -1], [10, 10], [-1, 10]])
 
 
-def test_fine_lines_are_not_mitred() -> None:
+def test_fine_lines_are_not_mitered() -> None:
     """The committed demonstrations were driven between such walls."""
     np.testing.assert_allclose(np.linalg.norm(ring(10, 1, points=25).left_wall, axis=1), 9)
     np.testing.assert_allclose(
@@ -72,7 +72,7 @@ def test_fine_lines_are_not_mitred() -> None:
 
 
 def test_places_lie_evenly_on_the_line_and_look_along_it() -> None:
-    places = ring(10, 1, points=400).places(0.5)
+    places = ring(10, 1, points=400).sample_poses(0.5)
     np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), 10, atol=1e-2)
     turned = np.angle(np.exp(1j * (places[:, 2] - np.arctan2(places[:, 1], places[:, 0]))))
     np.testing.assert_allclose(turned, np.pi / 2, atol=1e-2)
@@ -84,7 +84,7 @@ def test_a_file_reads_back_number_by_number(tmp_path: Path) -> None:
     track = generate_track(Shape(seed=9))
     save_track(track, tmp_path / "seed-9.csv")
     back = load_track(tmp_path / "seed-9.csv")
-    for field in ("centre", "right", "left"):
+    for field in ("center", "right", "left"):
         np.testing.assert_array_equal(getattr(back, field), getattr(track, field))
     assert back.name == "seed-9"
 
@@ -101,8 +101,8 @@ def test_a_file_reads_back_number_by_number(tmp_path: Path) -> None:
         ("9,0,1,1", "9,0,1,1,5", 1, "four numbers"),
         ("9,0,1,1", "9,left,1,1", 1, "four numbers"),
         ("9,0,1,1", "9,1_0,1,1", 1, "four numbers"),
-        ("9,0,1,1", "9,1e200,1,1", 1, "finite x, y in metres"),
-        ("9,0,1,1", "9,0,1e200,1", 1, "a width on the right in metres"),
+        ("9,0,1,1", "9,1e200,1,1", 1, "finite x, y in meters"),
+        ("9,0,1,1", "9,0,1e200,1", 1, "a width on the right in meters"),
         ("0,9,1,1\n", "", 3, "at least four points"),
         ("9,9,1,1\n", "9,0,1,1\n", 2, "another point than the one before"),
         ("0,9,1,1\n", "0,9,1,1\n0,0,1,1\n", 4, "not the first"),
@@ -113,7 +113,7 @@ def test_a_file_reads_back_number_by_number(tmp_path: Path) -> None:
         ("0,9,1,1\n", "4.5,9,1,1\n4.5,0,1,1\n", 0, "does not cross itself"),
     ],
 )
-def test_what_is_no_track_is_refused_with_its_row(
+def test_an_invalid_track_is_refused_with_its_row(
     tmp_path: Path, old: str, new: str, row: int, expected: str
 ) -> None:
     assert old in SQUARE
@@ -126,7 +126,7 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path: Path) -> None:
     (tmp_path / "marked.csv").write_bytes(b"\xef\xbb\xbf" + SQUARE.encode())
     (tmp_path / "bare.csv").write_bytes(b"\xef\xbb\xbf" + SQUARE.split("\n", 1)[1].encode())
     for name in ("marked", "bare"):
-        assert len(load_track(tmp_path / f"{name}.csv").centre) == 4
+        assert len(load_track(tmp_path / f"{name}.csv").center) == 4
 
 
 def test_an_open_line_is_refused_with_its_last_row(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_an_open_line_is_refused_with_its_last_row(tmp_path: Path) -> None:
 def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
     for name in ("none.csv", "binary.csv"):
-        with pytest.raises(InvalidInputError, match=f"{name}: expected a CSV file"):
+        with pytest.raises(InvalidInputError, match=f"{name}: cannot read the CSV file"):
             load_track(tmp_path / name)
 
 
@@ -148,7 +148,7 @@ def test_a_ring_whose_inner_wall_would_turn_inside_out_is_refused(radius: float)
         ring(radius, 1.0)
 
 
-def test_neighbouring_stretches_whose_walls_overlap_are_refused(tmp_path: Path) -> None:
+def test_neighboring_stretches_whose_walls_overlap_are_refused(tmp_path: Path) -> None:
     long = "0,0,1,1\n10,0,1,1\n20,0,1,1\n20,1.5,1,1\n10,1.5,1,1\n0,1.5,1,1\n"
     with pytest.raises(InvalidInputError, match=r"flat, row \d+: expected"):
         load_track(write(tmp_path / "flat.csv", long))
@@ -168,41 +168,43 @@ def test_a_tight_corner_gets_a_wall_without_a_loop() -> None:
             ]
         ) - [0, side / 2]
         line.append(piece @ np.array([[cos, sin], [-sin, cos]]))
-    centre = np.concatenate(line)
-    width = np.ones(len(centre))
-    wall = Track("tight", centre, width, width).left_wall
+    center = np.concatenate(line)
+    width = np.ones(len(center))
+    wall = Track("tight", center, width, width).left_wall
     inner = np.max(np.abs(wall), axis=1)
     np.testing.assert_allclose(inner, 4.0, atol=0.05)
     assert np.abs(wall).max(axis=0) == pytest.approx([4.0, 4.0], abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_every_member_of_the_family_is_a_lap_long_and_no_tighter_than_asked(seed: int) -> None:
+def test_every_generated_track_is_a_lap_long_and_no_tighter_than_its_shape(
+    seed: int,
+) -> None:
     shape = Shape(seed=seed, tightest=1.3)
     track = generate_track(shape)
     assert track.length == pytest.approx(LAP, abs=1e-3)
-    a, b, c = (np.roll(track.centre, -shift, axis=0) for shift in (0, 3, 6))
+    a, b, c = (np.roll(track.center, -shift, axis=0) for shift in (0, 3, 6))
     sides = [np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     radius = np.prod(sides, axis=0) / np.maximum(2 * np.abs(ux * vy - uy * vx), 1e-12)
     assert radius.min() > 0.93 * shape.tightest
     again = generate_track(shape)
-    np.testing.assert_array_equal(track.centre, again.centre)
+    np.testing.assert_array_equal(track.center, again.center)
 
 
 def test_other_seeds_give_other_tracks() -> None:
-    assert not np.allclose(generate_track(Shape(1)).centre, generate_track(Shape(2)).centre)
+    assert not np.allclose(generate_track(Shape(1)).center, generate_track(Shape(2)).center)
 
 
 def test_collection_training_and_test_tracks_are_different_tracks() -> None:
     names = [COLLECTION_TRACK, TRAINING_TRACK, *TEST_TRACKS]
     assert sorted(names) == sorted(NAMED)
-    lines = [find_track(name).centre for name in names]
+    lines = [find_track(name).center for name in names]
     assert all(not np.allclose(a, b) for i, a in enumerate(lines) for b in lines[:i])
 
 
 def test_a_track_is_named_by_its_name_its_seed_or_its_file(tmp_path: Path) -> None:
-    np.testing.assert_array_equal(find_track("seed-3").centre, generate_track(Shape(3)).centre)
+    np.testing.assert_array_equal(find_track("seed-3").center, generate_track(Shape(3)).center)
     assert find_track("hall").name == "hall"
     assert find_track(str(write(tmp_path / "mine.csv", SQUARE))).name == "mine"
     with pytest.raises(NotFoundError, match=r"yard, .*seed-N or a .csv file, found 'moon'"):
@@ -220,7 +222,7 @@ def test_a_track_is_named_by_its_name_its_seed_or_its_file(tmp_path: Path) -> No
         {"tightest": -1},
     ],
 )
-def test_a_shape_without_a_shape_is_refused(wrong: dict[str, float]) -> None:
+def test_a_shape_that_no_curve_has_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(
         InvalidInputError, match=f"^{'width' if 'tightest' in wrong else next(iter(wrong))}"
     ):
@@ -268,7 +270,7 @@ def test_pieces_meet_where_their_lines_cross() -> None:
 
 
 @pytest.mark.parametrize(("name", "length"), [("Spielberg", 343.3), ("IMS", 293.1)])
-def test_real_centre_lines_load(shared_data: Path, name: str, length: float) -> None:
+def test_real_center_lines_load(shared_data: Path, name: str, length: float) -> None:
     track = load_track(shared_data / "tracks" / f"{name}_centerline.csv")
     assert track.length == pytest.approx(length, abs=0.1)
 
@@ -282,6 +284,6 @@ def test_a_real_track_that_comes_too_close_to_itself_is_refused(shared_data: Pat
 @pytest.mark.parametrize("width", [50.0, 500.0])
 def test_widths_that_leave_no_wall_inside_are_refused(shared_data: Path, width: float) -> None:
     real = load_track(shared_data / "tracks" / "Spielberg_centerline.csv")
-    wide = np.full(len(real.centre), width)
+    wide = np.full(len(real.center), width)
     with pytest.raises(InvalidInputError, match=f"leave a wall on the right, found {width:g} m"):
-        Track("wide", real.centre, wide, wide)
+        Track("wide", real.center, wide, wide)

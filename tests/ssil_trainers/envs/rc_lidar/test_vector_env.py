@@ -12,7 +12,8 @@ from gymnasium.vector import AutoresetMode
 
 import ssil_trainers.envs  # noqa: F401  registers the ids
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.envs.rc_lidar.env import RCLidarEnv, RCLidarVectorEnv
+from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+from ssil_trainers.envs.rc_lidar.vector_env import RCLidarVectorEnv
 from support.environment_steps import drive
 
 
@@ -22,14 +23,14 @@ def test_the_fleet_does_what_gymnasium_does_with_single_cars(
     mode: AutoresetMode, steps: int
 ) -> None:
     """Of 25 steps most end at a wall, of 3 by the time limit, of 1 in all cars at once."""
-    told: dict[str, Any] = {"episode_steps": steps, "track": "yard"}
-    fleet = gymnasium.make_vec("RCLidar-v0", num_envs=3, autoreset_mode=mode, **told)
+    shared: dict[str, Any] = {"episode_steps": steps, "track": "yard"}
+    fleet = gymnasium.make_vec("RCLidar-v0", num_envs=3, autoreset_mode=mode, **shared)
     single = gymnasium.make_vec(
         "RCLidar-v0",
         num_envs=3,
         vectorization_mode="sync",
         vector_kwargs={"autoreset_mode": mode},
-        **told,
+        **shared,
     )
     assert isinstance(fleet, RCLidarVectorEnv)
     assert fleet.metadata["autoreset_mode"] is mode
@@ -85,7 +86,7 @@ def test_a_fleet_must_be_reset_before_it_is_stepped() -> None:
     fleet.step(actions)
 
 
-def test_an_ended_car_must_be_reset_where_nobody_does_it() -> None:
+def test_an_ended_car_must_be_reset_where_there_is_no_autoreset() -> None:
     fleet = RCLidarVectorEnv(2, episode_steps=1, autoreset_mode=AutoresetMode.DISABLED)
     fleet.reset(seed=0)
     actions = np.zeros((2, 1), dtype=np.float32)
@@ -112,7 +113,7 @@ def test_seeds_may_be_numpys_and_one_for_each_car() -> None:
         ("12", "expected a whole number, found '12'"),
     ],
 )
-def test_what_is_no_seed_is_refused(seed: Any, message: str) -> None:
+def test_invalid_seeds_are_refused(seed: Any, message: str) -> None:
     with pytest.raises(InvalidInputError, match=f"^seed: {message}$"):
         RCLidarVectorEnv(2).reset(seed=seed)
 

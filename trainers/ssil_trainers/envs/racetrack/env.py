@@ -14,13 +14,13 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from ssil_trainers.envs.counts import count
+from ssil_trainers.envs.counts import check_count
 from ssil_trainers.envs.racetrack.highway import (
     HIGHWAY_IDS,
     POLICY_HZ,
     SIMULATION_HZ,
-    Track,
-    simulator,
+    TrackName,
+    make_simulator,
 )
 from ssil_trainers.envs.racetrack.road import Road
 from ssil_trainers.envs.racetrack.starts import START_SPEEDS, Start, check_start
@@ -34,7 +34,7 @@ from ssil_trainers.envs.racetrack.state import (
     observe,
     underlying_reward,
 )
-from ssil_trainers.envs.vector import check_options, finite_actions, one_seed
+from ssil_trainers.envs.vector import check_actions, check_options, check_seed
 
 __all__ = [
     "ACTION_NAMES",
@@ -45,7 +45,7 @@ __all__ = [
     "STATE_NAMES",
     "RacetrackEnv",
     "Start",
-    "Track",
+    "TrackName",
 ]
 
 CLEARANCE = 20.0
@@ -53,42 +53,65 @@ CLEARANCE = 20.0
 
 
 class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One car on highway-env's racetrack, 10 decisions a second.
+    """One car on highway-env's racetrack; `gymnasium.make("SSILRacetrack-v0")`.
 
     Action: throttle (±5 m/s²) and steering (±45°), both in [-1, 1]; speeds 0–20 m/s. An episode
     ends when the car leaves the road or hits another vehicle and is cut off after `episode_steps`.
     It starts anywhere on the lap, in the middle of any lane, at 5–15 m/s. The reward is
     `underlying_reward`, for training experts and for evaluation; imitation trainers must not read
-    it. info: position (2,) in metres, and after a step underlying_reward.
+    it. info: position (2,) in meters, and after a step underlying_reward.
+
+    Parameters
+    ----------
+    track:
+        "default", "large" or "oval".
+    policy_hz:
+        Decisions a second, a divisor of the simulation's 20 and at least 4.
+    other_vehicles:
+        highway-env's own traffic: one drives in the second section, and up to all but one anywhere
+        else, as highway-env draws them.
+    episode_steps:
+        Time limit of an episode.
+    render_mode:
+        None or "rgb_array".
+
+    Raises
+    ------
+    InvalidInputError
+        For settings that highway-env cannot simulate.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> env = RacetrackEnv("oval")
+    >>> state, info = env.reset(seed=0)
+    >>> state, reward, terminated, truncated, info = env.step(np.array([0.5, 0.0]))
+    >>> state.shape, bool(terminated), sorted(info)
+    ((29,), False, ['position', 'underlying_reward'])
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(
         self,
-        track: Track = "default",
+        track: TrackName = "default",
         *,
         policy_hz: int = POLICY_HZ,
         other_vehicles: int = 0,
         episode_steps: int = 1_000,
         render_mode: str | None = None,
     ) -> None:
-        """Build the track.
-
-        policy_hz decisions a second divide the simulation's 20. Of other_vehicles, highway-env's
-        own, one drives in the second section, and up to all but one anywhere else, as highway-env
-        draws them. `render_mode` is None or "rgb_array".
-        """
+        """Build the track; the car is not on it before `reset`."""
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": policy_hz}
         self.observation_space = Box(STATE_LOW, STATE_HIGH, dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (len(ACTION_NAMES),), dtype=np.float32)
-        self._simulator = simulator(
+        self._simulator = make_simulator(
             track, policy_hz=policy_hz, other_vehicles=other_vehicles, render_mode=render_mode
         )
-        self._road = Road.of(self._simulator.road.network)
+        self._road = Road.from_network(self._simulator.road.network)
         self._start = Start(0, 0.0, 0.0)
-        self._episode_steps = count("episode_steps", episode_steps)
+        self._episode_steps = check_count("episode_steps", episode_steps)
         self._steps = -1  # never reset
         self._action = np.zeros(2)
 
@@ -123,13 +146,29 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start at a random place, or at the `Start` that `options` has as "start".
+        """Start at a random place, or at a given one.
 
-        Raises InvalidInputError for a start that is not on the road, and then nothing has changed.
+        Parameters
+        ----------
+        seed:
+            Draws the start and the traffic; None goes on with the random numbers so far.
+        options:
+            May have "start", a `Start`.
+
+        Returns
+        -------
+        state, info
+            What the car sees (29,), and its position (2,) [m].
+
+        Raises
+        ------
+        InvalidInputError
+            For a start that is not on the road; then nothing has changed.
         """
         check_options(options, ("start",))
-        told, seed = (options or {}).get("start"), one_seed(seed)
-        start = None if told is None else check_start(told, self._road)
+        seed = check_seed(seed)
+        requested = (options or {}).get("start")
+        start = None if requested is None else check_start(requested, self._road)
         super().reset(seed=seed)
         self._simulator.reset(seed=seed)
         self._place(self._draw_start() if start is None else start)
@@ -149,6 +188,7 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
                 return start
 
     def _place(self, start: Start) -> None:
+        """Put highway-env's vehicle at a start."""
         vehicle = self._simulator.vehicle
         lane = self._simulator.road.network.get_lane(list(self._road.number)[start.lane])
         vehicle.position = lane.position(start.longitudinal, 0.0)
@@ -162,12 +202,27 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Drive for one decision.
 
-        Raises InvalidInputError for an action that is not finite, and gymnasium's ResetNeeded
-        before the first reset.
+        Parameters
+        ----------
+        action:
+            Throttle and steering (2,), clipped to [-1, 1].
+
+        Returns
+        -------
+        state, reward, terminated, truncated, info
+            What the car sees (29,), the underlying reward, whether it left the road or hit another
+            vehicle, whether the time limit is reached, and position and underlying reward.
+
+        Raises
+        ------
+        InvalidInputError
+            For an action that is not finite.
+        gymnasium.error.ResetNeeded
+            Before the first reset.
         """
         if self._steps < 0:
             raise ResetNeeded("the car must be reset first")
-        self._action = np.clip(finite_actions(action, self.action_space.shape), -1.0, 1.0)
+        self._action = np.clip(check_actions(action, self.action_space.shape), -1.0, 1.0)
         self._simulator.step(self._action)
         self._steps += 1
         car = self.car
@@ -177,11 +232,13 @@ class RacetrackEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._state(car), reward, ended, self._steps >= self._episode_steps, info
 
     def _state(self, car: Car) -> NDArray[np.float32]:
+        """Return what the car sees (29,)."""
         boxes = [_sides(other.polygon()) for other in self._others()]
-        seen = observe(self._road, car, boxes=np.concatenate(boxes) if boxes else None)
-        return seen.astype(np.float32)
+        state = observe(self._road, car, boxes=np.concatenate(boxes) if boxes else None)
+        return state.astype(np.float32)
 
     def _others(self) -> list[Any]:
+        """Return all vehicles but the car."""
         return [v for v in self._simulator.road.vehicles if v is not self._simulator.vehicle]
 
     def render(self) -> Any:

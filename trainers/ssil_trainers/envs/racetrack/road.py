@@ -2,7 +2,7 @@
 
 highway-env describes a road as a graph of sections, each a list of parallel lanes, straight or
 circular, numbered from left to right. The outer edges of consecutive sections meet to within a
-few centimetres; here the remaining gaps are closed by straight pieces, so that each edge is one
+few centimeters; here the remaining gaps are closed by straight pieces, so that each edge is one
 closed curve and no ray slips through.
 """
 
@@ -29,17 +29,40 @@ _TOUCH = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """The lanes of a closed road and its edges; number: highway-env's lane index → row."""
+    """The lanes of a closed road and its edges.
+
+    Parameters
+    ----------
+    number:
+        From highway-env's lane index to the row of the lane.
+    lanes:
+        The lanes in driving order.
+    edges:
+        The left and the right edge.
+    """
 
     number: dict[LaneIndex, int]
     lanes: Lanes
     edges: Edges
 
     @classmethod
-    def of(cls, network: RoadNetwork) -> Road:
+    def from_network(cls, network: RoadNetwork) -> Road:
         """Read the geometry out of highway-env's own road object.
 
-        Raises InvalidInputError for a lane that is neither straight nor circular.
+        Parameters
+        ----------
+        network:
+            highway-env's graph of sections.
+
+        Returns
+        -------
+        Road
+            The same road as arrays.
+
+        Raises
+        ------
+        InvalidInputError
+            For a lane that is neither straight nor circular.
         """
         indices = list(_lane_indices(network))
         lanes = [network.get_lane(index) for index in indices]
@@ -55,7 +78,7 @@ class Road:
                 curvature=np.array([_curvature(lane) for lane in lanes]),
                 axis_offset=np.array([_axis_offset(network, index) for index in indices]),
                 half_width=np.array([_half_width(network, index) for index in indices]),
-                following=np.array([number[_next_lanes(network, index)] for index in indices]),
+                following=np.array([number[_next_lane(network, index)] for index in indices]),
             ),
             edges=Edges(
                 segments=np.array(segments, dtype=np.float64).reshape(-1, 4),
@@ -65,12 +88,22 @@ class Road:
 
     @cached_property
     def shares(self) -> NDArray[np.float64]:
-        """Which share of all lanes' metres lies in the rows up to each (n,); the last is 1."""
+        """Cumulative share of the lanes' total length (n,); the last is 1."""
         shares = (self.lanes.length / self.lanes.length.sum()).cumsum()
         return shares / shares[-1]
 
     def curvature_ahead(self, lane: int, longitudinal: float, distance: float) -> float:
-        """Return the curvature [1/m] of the lane and its continuations `distance` metres ahead."""
+        """Return the curvature of the road some meters ahead, right positive [1/m].
+
+        Parameters
+        ----------
+        lane:
+            Row of the lane to begin in.
+        longitudinal:
+            Meters along that lane.
+        distance:
+            Meters to go from there, into the lanes that continue it.
+        """
         return kernels.curvature_ahead(self.lanes, lane, longitudinal, distance)
 
     def ray_distances(
@@ -79,29 +112,45 @@ class Road:
         y: float,
         directions: NDArray[np.float64],
         reach: float,
+        *,
         boxes: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return how far each ray from (x, y) runs [m] before it meets an edge, at most `reach`.
+        """Return how far each ray from a point runs before it meets an edge.
 
-        directions (r,) are angles in the world [rad]; boxes (b, 4) are sides of things that stand
-        on the road, as `Edges.segments`.
+        Parameters
+        ----------
+        x, y:
+            Where the rays begin [m].
+        directions:
+            Angles of the rays in the world [rad] (r,).
+        reach:
+            Greatest length of a ray [m].
+        boxes:
+            Sides of things that stand on the road, as `Edges.segments` (b, 4).
+
+        Returns
+        -------
+        ndarray of float64
+            Lengths [m], at most `reach` (r,).
         """
         edges = self.edges
         if boxes is not None:
             edges = Edges(np.concatenate([edges.segments, boxes]), edges.arcs)
-        nearest = np.full(len(directions), reach, dtype=np.float64)
-        kernels.ray_distances(x, y, np.cos(directions), np.sin(directions), edges, nearest)
-        return nearest
+        rays = np.stack([np.cos(directions), np.sin(directions), np.full(len(directions), reach)])
+        kernels.shorten_rays(x, y, edges, rays)
+        return rays[2]
 
 
 def _lane_indices(network: RoadNetwork) -> Iterator[LaneIndex]:
+    """Yield all lanes, section by section."""
     for origin, onward in network.graph.items():
         for target, lanes in onward.items():
             for lane in range(len(lanes)):
                 yield origin, target, lane
 
 
-def _next_lanes(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
+def _next_lane(network: RoadNetwork, index: LaneIndex) -> LaneIndex:
+    """Return the lane that continues one, at the same place from the left."""
     _, node, lane = index
     (target,) = network.graph[node]
     return node, target, lane
@@ -139,7 +188,8 @@ def _half_width(network: RoadNetwork, index: LaneIndex) -> float:
 
 def _edges(sections: list[list[AbstractLane]]) -> tuple[list[Any], list[Any]]:
     """Return segments and arcs of the left and the right edge, gaps closed."""
-    segments, arcs = [], []
+    segments = []
+    arcs = []
     for lane_of_section, side in ((0, -0.5), (-1, 0.5)):
         lanes = [section[lane_of_section] for section in sections]
         for lane, onward in zip(lanes, lanes[1:] + lanes[:1], strict=True):

@@ -1,4 +1,4 @@
-"""Where an episode on the racetrack starts: drawn from a generator, or told by the caller."""
+"""Where an episode on the racetrack starts: drawn from a generator, or given by the caller."""
 
 from __future__ import annotations
 
@@ -17,7 +17,26 @@ START_SPEEDS = (5.0, 15.0)
 
 @dataclass(frozen=True)
 class Start:
-    """The middle of a lane: its row in `Road.lanes`, metres along it, speed [m/s]."""
+    """A start in the middle of a lane.
+
+    Parameters
+    ----------
+    lane:
+        Row of the lane in `Road.lanes`.
+    longitudinal:
+        Meters along it.
+    speed:
+        Speed of the car [m/s].
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.starts import Start
+    >>> env = RacetrackEnv("oval")
+    >>> state, info = env.reset(options={"start": Start(lane=0, longitudinal=20.0, speed=10.0)})
+    >>> env.car.speed
+    10.0
+    """
 
     lane: int
     longitudinal: float
@@ -25,15 +44,35 @@ class Start:
 
     @classmethod
     def draw(cls, road: Road, rng: np.random.Generator) -> Start:
-        """Draw a place on the lap, every metre of every lane equally likely, and a speed."""
+        """Draw a place on the lap, every meter of every lane equally likely, and a speed.
+
+        Parameters
+        ----------
+        road:
+            The road.
+        rng:
+            Generator that three numbers are drawn from.
+        """
         # What rng.choice(lanes, p=length / length.sum()) does, without its checks.
         lane = int(np.searchsorted(road.shares, rng.random(), side="right"))
         longitudinal = rng.uniform(0.0, road.lanes.length[lane])
         return cls(lane, longitudinal, rng.uniform(*START_SPEEDS))
 
-    def on(self, road: Road) -> Start:
-        """Return it, if there is such a place; raises InvalidInputError."""
-        lanes, (slowest, fastest) = len(road.lanes.length), SPEED_RANGE
+    def validate(self, road: Road) -> Start:
+        """Return the start itself if the road has such a place.
+
+        Parameters
+        ----------
+        road:
+            The road.
+
+        Raises
+        ------
+        InvalidInputError
+            If there is no such lane, place or speed.
+        """
+        lanes = len(road.lanes.length)
+        slowest, fastest = SPEED_RANGE
         if not isinstance(self.lane, int | np.integer):
             raise InvalidInputError(f"start: expected a lane by its row, found {self}")
         if not 0 <= self.lane < lanes:
@@ -48,19 +87,44 @@ class Start:
         return self
 
 
-def check_start(told: object, road: Road) -> Start:
-    """Return what the caller told, if it is a start on the road; raises InvalidInputError."""
-    if not isinstance(told, Start):
-        raise InvalidInputError(f"start: expected a Start, found {told!r}")
-    return told.on(road)
+def check_start(value: object, road: Road) -> Start:
+    """Return a start that the caller gave, if it is on the road.
 
+    Parameters
+    ----------
+    value:
+        What the caller gave.
+    road:
+        The road.
 
-def check_starts(told: object, road: Road, which: NDArray[np.bool_]) -> list[Start]:
-    """Return those of the told starts, one for each car, that the cars of the mask (n,) begin at.
-
-    Raises InvalidInputError for another number of them, or for one that is no start on the road.
+    Raises
+    ------
+    InvalidInputError
+        If it is no `Start`, or not on the road.
     """
-    if not isinstance(told, list | tuple) or len(told) != len(which):
-        found = len(told) if isinstance(told, list | tuple) else repr(told)
+    if not isinstance(value, Start):
+        raise InvalidInputError(f"start: expected a Start, found {value!r}")
+    return value.validate(road)
+
+
+def check_starts(values: object, road: Road, which: NDArray[np.bool_]) -> list[Start]:
+    """Return the starts that the caller gave for the cars that begin an episode.
+
+    Parameters
+    ----------
+    values:
+        What the caller gave: one for each car.
+    road:
+        The road.
+    which:
+        True for the cars that begin (n,).
+
+    Raises
+    ------
+    InvalidInputError
+        For another number of starts, or one of these cars' that is no start on the road.
+    """
+    if not isinstance(values, list | tuple) or len(values) != len(which):
+        found = len(values) if isinstance(values, list | tuple) else repr(values)
         raise InvalidInputError(f"start: expected one for each of {len(which)} cars, found {found}")
-    return [check_start(told[car], road) for car in np.flatnonzero(which)]
+    return [check_start(values[car], road) for car in np.flatnonzero(which)]

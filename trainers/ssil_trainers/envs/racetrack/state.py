@@ -1,4 +1,4 @@
-"""What a racetrack driver sees, and what a step is worth: pure functions of road and car.
+"""What a racetrack driver sees, and the reward of a step: pure functions of road and car.
 
 Angles grow from the car's left to its right, as positive steering does.
 """
@@ -15,7 +15,9 @@ from ssil_trainers.envs.racetrack.road import Road
 
 RAY_DEGREES = tuple(range(-90, 91, 10))
 RAY_REACH = 60.0
-OFFSET_SCALE, SPEED_SCALE, CURVATURE_SCALE = 5.0, 20.0, 20.0
+OFFSET_SCALE = 5.0
+SPEED_SCALE = 20.0
+CURVATURE_SCALE = 20.0
 CURVATURE_AHEAD = (5.0, 12.0, 22.0)
 STEERING_LIMIT = np.pi / 4
 CAR_LENGTH = 5.0
@@ -47,11 +49,30 @@ SIGHT = Sight(
 
 @dataclass(frozen=True)
 class Car:
-    """What the simulator knows of the car: metres, radians, metres per second.
+    """What the simulator knows of the car.
 
-    lane is a row of `Road`; longitudinal and lateral are measured along and off that lane;
-    heading_error is the car's heading less the lane's, in [-π, π); throttle and steering are the
-    previous action in [-1, 1].
+    Parameters
+    ----------
+    x, y:
+        Middle of the car [m].
+    heading:
+        Direction of its axis [rad].
+    speed:
+        Along its velocity [m/s].
+    lane:
+        Row of the lane in `Road.lanes`.
+    longitudinal, lateral:
+        Along and off that lane, right positive [m].
+    heading_error:
+        The car's heading less the lane's, in [-π, π) [rad].
+    throttle, steering:
+        Previous action in [-1, 1].
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.state import Car
+    >>> Car(0, 0, 0, 10, lane=0, longitudinal=0, lateral=0, heading_error=0).slip
+    0.0
     """
 
     x: float
@@ -72,25 +93,48 @@ class Car:
 
 
 def offset(road: Road, car: Car) -> float:
-    """Return how far the car is to the right of the road's centre line [m]."""
+    """Return how far the car is to the right of the road's center line [m].
+
+    Parameters
+    ----------
+    road:
+        The road.
+    car:
+        The car on it.
+    """
     return car.lateral + float(road.lanes.axis_offset[car.lane])
 
 
 def observe(
     road: Road, car: Car, *, boxes: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Return the 29 numbers of `STATE_NAMES` in float64.
+    """Return the state: the 29 numbers of `STATE_NAMES`.
 
     Rays to the edge of the road in units of 60 m (19), heading error [rad], offset from the
-    road's centre line in 5 m (1 = the edge of a two-lane road), speeds along and across the car's
+    road's center line in 5 m (1 = the edge of a two-lane road), speeds along and across the car's
     axis in 20 m/s, yaw rate [rad/s], previous action (2), curvature 5, 12 and 22 m ahead in 1/20 m.
-    boxes (b, 4), sides of other vehicles, stop rays like the edge does.
+    The vector environment has its own compiled form of this; the tests compare the two.
 
-    The compiled twin has its own form of this, and the tests hold the two together.
+    Parameters
+    ----------
+    road:
+        The road.
+    car:
+        The car on it.
+    boxes:
+        Sides of other vehicles (b, 4), which stop rays as the edge does.
+
+    Returns
+    -------
+    ndarray of float64
+        The state (29,).
     """
-    forward, sideways = car.speed * np.cos(car.slip), car.speed * np.sin(car.slip)
-    rays = road.ray_distances(car.x, car.y, car.heading + SIGHT.rays, RAY_REACH, boxes)
-    ahead = [road.curvature_ahead(car.lane, car.longitudinal, far) for far in CURVATURE_AHEAD]
+    forward = car.speed * np.cos(car.slip)
+    sideways = car.speed * np.sin(car.slip)
+    rays = road.ray_distances(car.x, car.y, car.heading + SIGHT.rays, RAY_REACH, boxes=boxes)
+    ahead = [
+        road.curvature_ahead(car.lane, car.longitudinal, distance) for distance in CURVATURE_AHEAD
+    ]
     motion = [
         car.heading_error,
         offset(road, car) / OFFSET_SCALE,
@@ -106,20 +150,41 @@ def observe(
 def leaves_road(road: Road, car: Car) -> bool:
     """Tell whether the middle of the car is beyond an edge of the road.
 
-    highway-env asks for the closest lane instead, and on the default track two lanes lie 8 cm
-    apart: a car that changes lanes there would sometimes be called off the road.
+    highway-env looks at the closest lane instead, and on the default track two lanes lie 8 cm
+    apart: a car that changes lanes there would sometimes count as off the road.
+
+    Parameters
+    ----------
+    road:
+        The road.
+    car:
+        The car on it.
     """
     return bool(abs(offset(road, car)) > road.lanes.half_width[car.lane])
 
 
 def underlying_reward(road: Road, car: Car) -> float:
-    """Return the paper's R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ.
+    """Return the reward of a step: more is better, and a step at full speed is worth about 20.
 
-    Speeds in m/s, so a step at full speed is worth about 20. d is the offset from the road's
-    centre line in units of 5 m, which is ±1 at the edges of the two-lane track: TORCS measures
-    its `trackPos` so, and in metres the third term would drown the first.
+    R = v_x cos θ − |v_y sin θ| − 2 v_x |d sin θ| − v_y cos θ, with speeds v along and across the
+    car's axis in m/s, heading error θ, and offset d from the road's center line in units of 5 m,
+    which is ±1 at the edges of the two-lane track: TORCS measures its `trackPos` so, and in meters
+    the third term would outweigh the first.
+
+    Parameters
+    ----------
+    road:
+        The road.
+    car:
+        The car on it, after the action.
+
+    Source
+    ------
+    Lee et al., the SSIL paper, for TORCS.
     """
-    v_x, v_y = car.speed * np.cos(car.slip), car.speed * np.sin(car.slip)
-    cos, sin = np.cos(car.heading_error), np.sin(car.heading_error)
+    v_x = car.speed * np.cos(car.slip)
+    v_y = car.speed * np.sin(car.slip)
+    cos = np.cos(car.heading_error)
+    sin = np.sin(car.heading_error)
     d = offset(road, car) / OFFSET_SCALE
     return float(v_x * cos - abs(v_y * sin) - 2 * v_x * abs(d * sin) - v_y * cos)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.envs.counts import count
-from ssil_trainers.envs.rc_lidar import kernels as rc_kernel
-from ssil_trainers.envs.rc_lidar.kernels import World
-from ssil_trainers.envs.rc_lidar.lidar import directions_of
+from ssil_trainers.envs.counts import check_count
+from ssil_trainers.envs.rc_lidar import kernels
+from ssil_trainers.envs.rc_lidar.kernels import Beams, Cars, Output, World
+from ssil_trainers.envs.rc_lidar.lidar import unit_vectors
 from ssil_trainers.envs.rc_lidar.track import Track
 
 BEAM_DEGREES = tuple(range(-90, 91, 10))
@@ -48,13 +48,25 @@ class RCCar:
     lidar:
         How far the LiDAR is ahead of the rear axle [m].
     reach:
-        Longest range [m]; it stands for all that is farther.
+        Greatest range [m]; a beam that meets nothing nearer reads it.
     noise:
         Deviation of the normal noise on a range, as a share of it.
     start_aside:
-        Largest distance of the start from the centre line [m].
+        Largest distance of the start from the center line [m].
     start_askew_degrees:
-        Largest angle of the start to the centre line.
+        Largest angle of the start to the center line.
+
+    Raises
+    ------
+    InvalidInputError
+        For numbers that no car can have.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.car import RCCar
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> RCCar(speed=2.0).lap_steps(find_track("hall"))
+    800
     """
 
     speed: float = 4.0
@@ -72,9 +84,15 @@ class RCCar:
     start_askew_degrees: float = 5.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot drive."""
-        may_be_zero = {"steering_lag", "overhang", "lidar", "noise"}
-        may_be_zero |= {"start_aside", "start_askew_degrees"}
+        """Refuse numbers that no car can have."""
+        may_be_zero = {
+            "steering_lag",
+            "overhang",
+            "lidar",
+            "noise",
+            "start_aside",
+            "start_askew_degrees",
+        }
         for field in fields(self):
             value = getattr(self, field.name)
             if not (0 < value < np.inf or (value == 0 and field.name in may_be_zero)):
@@ -82,7 +100,7 @@ class RCCar:
                 raise InvalidInputError(
                     f"{field.name}: expected a finite number {least}, found {value}"
                 )
-        count("substeps", self.substeps)
+        check_count("substeps", self.substeps)
         if self.start_askew_degrees > 180:
             raise InvalidInputError(
                 f"start_askew_degrees: expected at most 180, found {self.start_askew_degrees}"
@@ -92,16 +110,29 @@ class RCCar:
                 f"steering_degrees: expected less than 90, found {self.steering_degrees}"
             )
 
-    def on(self, track: Track) -> World:
-        """Return the world of this car on that track, for the compiled loops.
+    def build_world(self, track: Track) -> World:
+        """Return the world of this car on a track, for the compiled loops.
 
-        Raises InvalidInputError, with the row, if a car could start in a wall.
+        Parameters
+        ----------
+        track:
+            Where the car drives.
+
+        Returns
+        -------
+        World
+            Walls, starts, beams and car as plain numbers.
+
+        Raises
+        ------
+        InvalidInputError
+            If a car could start in a wall, with the row of the track.
         """
         world = self._world(track)
-        blocked = rc_kernel.find_blocked_start(world, self._turns())
+        blocked = kernels.find_blocked_start(world, self._turns())
         if blocked >= 0:
-            x, y, _ = world.starts[blocked]
-            row = int(np.argmin(np.hypot(*(track.centre - [x, y]).T)))
+            x, y, _ = world.starts[blocked].tolist()
+            row = int(np.argmin(np.hypot(*(track.center - [x, y]).T)))
             raise InvalidInputError(
                 f"track {track.name}, row {row}: expected room for a car of {self.width:g} × "
                 f"{world.front - world.rear:.3g} m to start {self.start_aside:g} m aside and "
@@ -110,17 +141,17 @@ class RCCar:
         return world
 
     def _turns(self) -> NDArray[np.float64]:
-        """Return angles of a start to the line [rad], close enough that no corner slips through."""
+        """Return the angles of a start that are tried [rad], so close that no wall fits between."""
         steps = int(np.ceil(self.start_askew_degrees / _ASKEW))
         widest = np.deg2rad(self.start_askew_degrees)
         return np.linspace(-widest, widest, 2 * steps + 1)
 
     def _world(self, track: Track) -> World:
+        """Return the world, whether or not the car finds room in it."""
         return World(
             grid=track.walls.grid,
-            starts=track.places(_START_SPACING),
-            beams=directions_of(np.deg2rad(BEAM_DEGREES)),
-            reach=float(self.reach),
+            starts=track.sample_poses(_START_SPACING),
+            beams=Beams(unit_vectors(np.deg2rad(BEAM_DEGREES)), float(self.reach)),
             noise=float(self.noise),
             lidar=float(self.lidar),
             rear=-float(self.overhang),
@@ -137,64 +168,123 @@ class RCCar:
         )
 
     def lap_steps(self, track: Track) -> int:
-        """Return how many decisions one lap down the centre line takes."""
+        """Return how many decisions one lap down the center line takes.
+
+        Parameters
+        ----------
+        track:
+            Where the car drives.
+        """
         return max(1, round(track.length / self.speed * self.hz))
 
 
 class Fleet:
-    """Cars on one track, each with its own randomness: none depends on who drives beside it."""
+    """Cars on one track, each with its own randomness: no car depends on those beside it.
 
-    def __init__(self, car: RCCar, track: Track, cars: int) -> None:
-        """Build the world; no car stands on it before `seed` and `begin`."""
-        self.car, self.track, self.world = car, track, car.on(track)
-        self.rows = rc_kernel.Cars(
-            pose=np.zeros((cars, 3)),
-            wheels=np.zeros(cars),
-            steering=np.zeros(cars),
-            key=np.zeros(cars, dtype=np.uint64),
-            episode=np.full(cars, -1),
-            steps=np.zeros(cars, dtype=np.int64),
+    Parameters
+    ----------
+    car:
+        The car that all of them are.
+    track:
+        Where they drive.
+    count:
+        Number of cars n; none stands on the track before `seed` and `begin`.
+
+    Raises
+    ------
+    InvalidInputError
+        If a car could start in a wall.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.car import Fleet, RCCar
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> fleet = Fleet(RCCar(), find_track("hall"), 2)
+    >>> fleet.seed([0, 1])
+    >>> fleet.begin(np.array([True, True]))
+    >>> fleet.drive(np.array([True, False]), np.array([0.5, 0.0]))
+    >>> fleet.cars.steps.tolist(), fleet.states.shape
+    ([1, 0], (2, 20))
+    """
+
+    def __init__(self, car: RCCar, track: Track, count: int) -> None:
+        """Build the world."""
+        self.car = car
+        self.track = track
+        self.world = car.build_world(track)
+        self.cars = Cars.allocate(count)
+        self._output = Output(
+            states=np.zeros((count, len(STATE_NAMES))), hits=np.zeros(count, dtype=np.bool_)
         )
-        self.hits = np.zeros(cars, dtype=np.bool_)
-        self._begun = np.zeros(cars, dtype=np.bool_)
-        self._states = np.zeros((cars, len(STATE_NAMES)))
+        self._placed = np.zeros(count, dtype=np.bool_)
 
     def __len__(self) -> int:
         """Count the cars."""
-        return len(self.hits)
+        return len(self._placed)
 
     def seed(self, seeds: Sequence[int | None]) -> None:
-        """Give cars new randomness; None lets a car keep its own."""
+        """Give cars new randomness.
+
+        Parameters
+        ----------
+        seeds:
+            One for each car; None lets a car keep its own.
+        """
         for row, seed in enumerate(seeds):
             if seed is not None:
-                self.rows.key[row] = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
-                self.rows.episode[row] = -1
+                self.cars.key[row] = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
+                self.cars.episode[row] = -1
 
     def begin(self, which: NDArray[np.bool_]) -> None:
-        """Begin the next episode of those cars (n,)."""
-        if which.any():
-            rc_kernel.begin(self.world, self.rows, which, self._states)
-            self._begun |= which
+        """Begin the next episode of some cars.
 
-    def advance(self, which: NDArray[np.bool_], actions: NDArray[np.float64]) -> None:
-        """Drive those cars (n,) for one period by their actions (n,); `hits` tells who hit."""
-        rc_kernel.advance(self.world, self.rows, which, actions, self._states, self.hits)
+        Parameters
+        ----------
+        which:
+            True for the cars to place (n,).
+        """
+        if which.any():
+            kernels.begin_episodes(self.world, self.cars, which, self._output.states)
+            self._placed |= which
+
+    def drive(self, which: NDArray[np.bool_], actions: NDArray[np.float64]) -> None:
+        """Drive some cars for one period; `hits` tells which of them hit a wall.
+
+        Parameters
+        ----------
+        which:
+            True for the cars to drive (n,).
+        actions:
+            Steering of every car (n,), clipped to [-1, 1].
+        """
+        kernels.drive_cars(self.world, self.cars, which, actions, self._output)
+
+    @property
+    def hits(self) -> NDArray[np.bool_]:
+        """Which cars (n,) hit a wall in the last `drive`, a copy."""
+        return self._output.hits.copy()
 
     @property
     def is_placed(self) -> NDArray[np.bool_]:
-        """Which cars (n,) stand on the track."""
-        return self._begun.copy()
+        """Which cars (n,) stand on the track, a copy."""
+        return self._placed.copy()
 
     @property
     def states(self) -> NDArray[np.float32]:
         """What the cars see (n, 20), a copy."""
-        return self._states.astype(np.float32)
+        return self._output.states.astype(np.float32)
 
     def ranges(self, car: int) -> NDArray[np.float64]:
-        """What the car's beams read (19,), as shares of the reach, a copy."""
-        return self._states[car, :-1].copy()
+        """Return what one car's beams read, as shares of the reach (19,), a copy.
+
+        Parameters
+        ----------
+        car:
+            Row of the car.
+        """
+        return self._output.states[car, :-1].copy()
 
     @property
     def positions(self) -> NDArray[np.float64]:
         """x, y of the rear axles (n, 2) [m], a copy."""
-        return self.rows.pose[:, :2].copy()
+        return self.cars.pose[:, :2].copy()

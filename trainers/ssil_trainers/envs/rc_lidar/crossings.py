@@ -9,10 +9,26 @@ _BLOCK = 256
 
 
 def find_crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the pairs (m, 2) of rows of pieces (n, 4) that meet, the lower row first, in order.
+    """Return which straight pieces meet.
 
-    A piece is x, y of its start and of its end. Two that share an end are no crossing, unless
-    they run back over each other; a piece without length meets nothing.
+    Two that share an end are no crossing, unless they run back over each other; a piece without
+    length meets nothing.
+
+    Parameters
+    ----------
+    pieces:
+        x, y of the start and x, y of the end of each piece (n, 4).
+
+    Returns
+    -------
+    ndarray of int64
+        Pairs of rows, the lower row first, in order (m, 2).
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.crossings import find_crossings
+    >>> find_crossings(np.array([[0.0, 0, 2, 2], [5, 5, 6, 6], [0, 2, 2, 0]]))
+    array([[0, 2]])
     """
     low = np.minimum(pieces[:, :2], pieces[:, 2:])
     high = np.maximum(pieces[:, :2], pieces[:, 2:])
@@ -27,8 +43,27 @@ def find_crossings(pieces: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def intersect_lines(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where the lines through two pieces (4,) cross; the end of the first if parallel."""
-    start, along, other = one[:2], one[2:] - one[:2], two[2:] - two[:2]
+    """Return where the lines through two pieces cross.
+
+    Parameters
+    ----------
+    one, two:
+        x, y of the start and x, y of the end (4,).
+
+    Returns
+    -------
+    ndarray of float64
+        x, y (2,); the end of the first piece if the lines are parallel.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.crossings import intersect_lines
+    >>> intersect_lines(np.array([0.0, 0, 2, 2]), np.array([0.0, 2, 2, 0]))
+    array([1., 1.])
+    """
+    start = one[:2]
+    along = one[2:] - one[:2]
+    other = two[2:] - two[:2]
     across = along[0] * other[1] - along[1] * other[0]
     if across == 0:
         return one[2:]
@@ -38,9 +73,14 @@ def intersect_lines(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArr
 
 def _meets(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which pieces have a point in common that is no shared end."""
-    a, b, c, d = one[..., :2], one[..., 2:], two[..., :2], two[..., 2:]
-    turns_c, turns_d = _turn(a, b, c), _turn(a, b, d)
-    turns_a, turns_b = _turn(c, d, a), _turn(c, d, b)
+    a = one[..., :2]
+    b = one[..., 2:]
+    c = two[..., :2]
+    d = two[..., 2:]
+    turns_c = _turn(a, b, c)
+    turns_d = _turn(a, b, d)
+    turns_a = _turn(c, d, a)
+    turns_b = _turn(c, d, b)
     across = (turns_c * turns_d < 0) & (turns_a * turns_b < 0)
     long = (a != b).any(axis=-1) & (c != d).any(axis=-1)
     touching = long & (
@@ -56,7 +96,8 @@ def _turn(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return twice the signed area of the triangle a, b, c: positive where c is left of a → b."""
-    first, second = b - a, c - a
+    first = b - a
+    second = c - a
     return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 
 

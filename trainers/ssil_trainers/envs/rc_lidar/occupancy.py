@@ -22,7 +22,22 @@ def load_map(path: Path | str) -> Walls:
     """Read a map's YAML file and its image; walls outline the occupied pixels.
 
     A pixel is occupied where its darkness (lightness, if `negate`) exceeds `occupied_thresh`; what
-    is merely unknown stops no ray. Raises InvalidInputError naming the file and the key.
+    is merely unknown stops no ray.
+
+    Parameters
+    ----------
+    path:
+        The YAML file, whose `image` lies beside it.
+
+    Returns
+    -------
+    Walls
+        Ready for `scan`, in meters.
+
+    Raises
+    ------
+    InvalidInputError
+        For a file that is no such map, naming the file and the key.
     """
     path = Path(path)
     keys = _keys(path)
@@ -39,31 +54,57 @@ def load_map(path: Path | str) -> Walls:
         with Image.open(image) as opened:
             lightness = np.asarray(opened.convert("L"), dtype=float) / 255.0
     except (OSError, UnidentifiedImageError) as error:
-        raise InvalidInputError(f"{image}: expected an image, found {error}") from None
+        raise InvalidInputError(f"{image}: cannot read the map's image: {error}") from None
     darkness = lightness if _number(path, keys, "negate") else 1.0 - lightness
     occupied = darkness > _number(path, keys, "occupied_thresh")
-    return walls_of(occupied[::-1], resolution=resolution, origin=(origin[0], origin[1]))
+    return outline_pixels(occupied[::-1], resolution=resolution, origin=(origin[0], origin[1]))
 
 
-def walls_of(occupied: ArrayLike, *, resolution: float, origin: tuple[float, float]) -> Walls:
-    """Return the outlines of occupied pixels (rows, columns), row 0 lowest, as walls.
+def outline_pixels(occupied: ArrayLike, *, resolution: float, origin: tuple[float, float]) -> Walls:
+    """Return the outlines of occupied pixels as walls.
 
     The obstacle was seen somewhere inside the pixel, so an outline runs halfway between the
-    pixel's border and its middle; diagonal neighbours are joined, no ray slips between them.
-    resolution: side of a pixel [m]; origin: x, y of the lowest, leftmost corner. Raises
-    InvalidInputError if nothing is occupied.
+    pixel's border and its middle; diagonal neighbors are joined, no ray slips between them.
+
+    Parameters
+    ----------
+    occupied:
+        Booleans (rows, columns), row 0 lowest.
+    resolution:
+        Side of a pixel [m].
+    origin:
+        x, y of the lowest, leftmost corner [m].
+
+    Returns
+    -------
+    Walls
+        Ready for `scan`, in meters.
+
+    Raises
+    ------
+    InvalidInputError
+        If nothing is occupied.
+
+    Examples
+    --------
+    One pixel of 1 m at (0, 0), seen from the left: its outline is a quarter inside the border.
+
+    >>> from ssil_trainers.envs.rc_lidar.occupancy import outline_pixels
+    >>> walls = outline_pixels([[True, False], [False, True]], resolution=1.0, origin=(0.0, 0.0))
+    >>> walls.scan([1.5, 0.5, np.pi], [0.0], reach=9).item()
+    0.75
     """
     pixels = np.pad(np.asarray(occupied, dtype=bool), 1)
     if not pixels.any():
-        raise InvalidInputError("map: expected occupied pixels, found none")
+        raise InvalidInputError("map: no pixel is occupied, so there are no walls")
     quarters = _without_rim(np.repeat(np.repeat(pixels, 4, axis=0), 4, axis=1))
     outlines = np.concatenate([_borders(quarters), _borders(quarters.T)[:, [1, 0, 3, 2]]]) / 4
     lines = np.concatenate([outlines, *_slants(pixels)]) - 1.0
-    return Walls.of(lines * resolution + [*origin, *origin], cell=max(_CELL, resolution))
+    return Walls.from_segments(lines * resolution + [*origin, *origin], cell=max(_CELL, resolution))
 
 
 def _without_rim(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the occupied pixels whose eight neighbours are occupied; the rim is kept."""
+    """Return the occupied pixels whose eight neighbors are occupied; the rim is kept."""
     kept = pixels.copy()
     kept[1:-1] &= pixels[2:] & pixels[:-2]
     columns = kept.copy()
@@ -72,7 +113,7 @@ def _without_rim(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _borders(pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the level borders between unlike rows, neighbours joined: x, y, x, y in pixels."""
+    """Return the level borders between unlike rows, neighbors joined: x, y, x, y in pixels."""
     differs = (pixels[1:] != pixels[:-1]).astype(np.int8)
     edges = np.diff(differs, axis=1, prepend=0, append=0)
     row, start = np.nonzero(edges == 1)
@@ -81,8 +122,9 @@ def _borders(pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _slants(pixels: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
-    """Yield the lines between the middles of diagonal neighbours that no third pixel joins."""
-    here, right = pixels[:, :-1], pixels[:, 1:]
+    """Yield the lines between the middles of diagonal neighbors that no third pixel joins."""
+    here = pixels[:, :-1]
+    right = pixels[:, 1:]
     for low, high, other_low, other_high, slope in (
         (here[:-1], right[1:], right[:-1], here[1:], 1),
         (right[:-1], here[1:], here[:-1], right[1:], -1),
@@ -98,16 +140,17 @@ def _keys(path: Path) -> dict[str, Any]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path}: expected a map's YAML file, found {error}") from None
+        raise InvalidInputError(f"{path}: cannot read the map's YAML file: {error}") from None
     found = dict(line.split(":", 1) for line in lines if ":" in line and line[0] != "#")
     keys = {key.strip(): text.strip() for key, text in found.items()}
     missing = {"image", "resolution", "origin", "negate", "occupied_thresh"} - set(keys)
     if missing:
-        raise InvalidInputError(f"{path}: expected the keys {sorted(missing)}, found none")
+        raise InvalidInputError(f"{path}: the keys {sorted(missing)} are missing")
     return {key: _value(text) for key, text in keys.items()}
 
 
 def _value(text: str) -> Any:
+    """Return the number or list that a text spells, else the text."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -115,6 +158,7 @@ def _value(text: str) -> Any:
 
 
 def _number(path: Path, keys: dict[str, Any], key: str) -> float:
+    """Return the number of a key; raises InvalidInputError if it has none."""
     if not isinstance(keys[key], int | float):
         raise InvalidInputError(f"{path}: expected a number for {key}, found {keys[key]!r}")
     return float(keys[key])

@@ -1,4 +1,4 @@
-"""Pictures of the RC world: a car among its beams, and a whole drive coloured by a value.
+"""Pictures of the RC world: a car among its beams, and a whole drive colored by a value.
 
 Everything is drawn three times as large and scaled down, which smooths every edge.
 """
@@ -16,9 +16,15 @@ from ssil_data.errors import InvalidInputError
 from ssil_trainers.envs.rc_lidar.car import Fleet
 from ssil_trainers.envs.rc_lidar.track import Track
 
-Colour = tuple[int, int, int]
-FLOOR, ROAD, WALL, CENTRE = (229, 231, 228), (250, 250, 248), (74, 80, 88), (214, 216, 212)
-BEAM, BODY, TYRE, INK = (214, 84, 64), (38, 104, 176), (28, 30, 34), (60, 64, 70)
+Color = tuple[int, int, int]
+FLOOR = (229, 231, 228)
+ROAD = (250, 250, 248)
+WALL = (74, 80, 88)
+CENTER = (214, 216, 212)
+BEAM = (214, 84, 64)
+BODY = (38, 104, 176)
+TIRE = (28, 30, 34)
+INK = (60, 64, 70)
 _VIRIDIS = np.array(
     [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], dtype=float
 )
@@ -28,40 +34,94 @@ _PANEL = 176
 
 
 class Canvas:
-    """A picture of a piece of the world; x to the right and y up, in metres."""
+    """A picture of a piece of the world; x to the right and y up, in meters.
+
+    Parameters
+    ----------
+    size:
+        Width and height in pixels.
+    middle:
+        x, y in the middle of the picture [m].
+    scale:
+        Pixels to a meter.
+    color:
+        Of the background.
+    """
 
     def __init__(
-        self, size: tuple[int, int], middle: ArrayLike, scale: float, colour: Colour = FLOOR
+        self, size: tuple[int, int], middle: ArrayLike, scale: float, color: Color = FLOOR
     ) -> None:
-        """Show `middle` (x, y) in the middle of `size` pixels, `scale` pixels to a metre."""
-        self.size, self.scale = size, scale * _LARGER
-        self._image = Image.new("RGB", (size[0] * _LARGER, size[1] * _LARGER), colour)
+        """Begin with an empty picture."""
+        self.size = size
+        self.scale = scale * _LARGER
+        self._image = Image.new("RGB", (size[0] * _LARGER, size[1] * _LARGER), color)
         self._draw = ImageDraw.Draw(self._image, "RGBA")
         self._middle = np.asarray(middle, dtype=float)
-        self._centre = np.array(size, dtype=float) * _LARGER / 2
+        self._center = np.array(size, dtype=float) * _LARGER / 2
 
     def _pixels(self, points: ArrayLike) -> list[tuple[float, float]]:
+        """Return where points (n, 2) of the world are in the enlarged picture."""
         away = (np.asarray(points, dtype=float) - self._middle) * [self.scale, -self.scale]
-        return [(float(x), float(y)) for x, y in away + self._centre]
+        return [(float(x), float(y)) for x, y in away + self._center]
 
-    def area(self, points: ArrayLike, colour: tuple[int, ...]) -> None:
-        """Fill a polygon (n, 2)."""
-        self._draw.polygon(self._pixels(points), fill=colour)
+    def area(self, points: ArrayLike, color: tuple[int, ...]) -> None:
+        """Fill a polygon.
 
-    def line(self, points: ArrayLike, colour: tuple[int, ...], width: float) -> None:
-        """Draw a line (n, 2), so many pixels wide."""
+        Parameters
+        ----------
+        points:
+            Its corners [m] (n, 2).
+        color:
+            Red, green, blue, and perhaps opacity, from 0 to 255.
+        """
+        self._draw.polygon(self._pixels(points), fill=color)
+
+    def line(self, points: ArrayLike, color: tuple[int, ...], width: float) -> None:
+        """Draw a line.
+
+        Parameters
+        ----------
+        points:
+            Its points [m] (n, 2).
+        color:
+            As for `area`.
+        width:
+            In pixels.
+        """
         self._draw.line(
-            self._pixels(points), fill=colour, width=max(1, round(width * _LARGER)), joint="curve"
+            self._pixels(points), fill=color, width=max(1, round(width * _LARGER)), joint="curve"
         )
 
-    def dot(self, point: ArrayLike, radius: float, colour: tuple[int, ...]) -> None:
-        """Draw a dot of so many pixels."""
+    def dot(self, point: ArrayLike, radius: float, color: tuple[int, ...]) -> None:
+        """Draw a dot.
+
+        Parameters
+        ----------
+        point:
+            Its middle [m] (2,).
+        radius:
+            In pixels.
+        color:
+            As for `area`.
+        """
         ((x, y),) = self._pixels(np.reshape(np.asarray(point), (1, 2)))
         r = radius * _LARGER
-        self._draw.ellipse((x - r, y - r, x + r, y + r), fill=colour)
+        self._draw.ellipse((x - r, y - r, x + r, y + r), fill=color)
 
     def text(self, x: float, y: float, text: str, *, size: int = 13, anchor: str = "la") -> None:
-        """Write at pixels x, y from the upper left corner."""
+        """Write a line of text.
+
+        Parameters
+        ----------
+        x, y:
+            Pixels from the upper left corner.
+        text:
+            What is written.
+        size:
+            Height of the font in pixels.
+        anchor:
+            Which point of the text is there, as Pillow names it.
+        """
         self._draw.text(
             (x * _LARGER, y * _LARGER),
             text,
@@ -70,23 +130,47 @@ class Canvas:
             anchor=anchor,
         )
 
-    def bar(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
-        """Fill a rectangle of pixels."""
-        self._draw.rectangle([c * _LARGER for c in (x, y, x + width, y + height)], fill=colour)
+    def bar(self, x: float, y: float, width: float, height: float, color: Color) -> None:
+        """Fill a rectangle.
+
+        Parameters
+        ----------
+        x, y:
+            Pixels from the upper left corner of the picture to that of the rectangle.
+        width, height:
+            In pixels.
+        color:
+            Red, green, blue from 0 to 255.
+        """
+        self._draw.rectangle([c * _LARGER for c in (x, y, x + width, y + height)], fill=color)
 
     def road(self, track: Track, wall: float) -> None:
-        """Draw the track with walls so many pixels wide."""
-        outer, inner = track.left_wall, track.right_wall
-        if _area(outer) < _area(inner):
-            outer, inner = inner, outer
+        """Draw a track between its walls.
+
+        Parameters
+        ----------
+        track:
+            The track.
+        wall:
+            Width of a wall in pixels.
+        """
+        inner, outer = sorted((track.left_wall, track.right_wall), key=_area)
         self.area(outer, ROAD)
         self.area(inner, FLOOR)
-        self.line(_loop(track.centre), CENTRE, wall / 2)
+        self.line(_loop(track.center), CENTER, wall / 2)
         for side in (outer, inner):
             self.line(_loop(side), WALL, wall)
 
     def inset(self, other: Canvas, x: int, y: int) -> None:
-        """Put another picture on top, its upper left corner at pixels x, y."""
+        """Put another picture on top.
+
+        Parameters
+        ----------
+        other:
+            The other picture.
+        x, y:
+            Pixels from the upper left corner to that of the other picture.
+        """
         self._image.paste(other._image, (x * _LARGER, y * _LARGER))
 
     @property
@@ -95,10 +179,26 @@ class Canvas:
         return self._image.resize(self.size, Image.Resampling.LANCZOS)
 
 
-def picture(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> NDArray[np.uint8]:
-    """Return one car from above among its beams, beside a map of the track; uint8 RGB."""
-    x, y, heading = fleet.rows.pose[car]
-    world, settings, track = fleet.world, fleet.car, fleet.track
+def render_car(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> NDArray[np.uint8]:
+    """Return one car from above among its beams, beside a map of the track.
+
+    Parameters
+    ----------
+    fleet:
+        All cars.
+    car:
+        Row of the car.
+    size:
+        Width and height in pixels.
+
+    Returns
+    -------
+    ndarray of uint8
+        Red, green and blue (height, width, 3).
+    """
+    x, y, heading = fleet.cars.pose[car]
+    world = fleet.world
+    track = fleet.track
     ahead = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])
     here = np.array([x, y])
@@ -106,8 +206,8 @@ def picture(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> ND
     canvas.road(track, wall=5)
     lidar = here + world.lidar * ahead
     ends = [
-        lidar + far * settings.reach * (cos * ahead + sin * left)
-        for far, (cos, sin) in zip(fleet.ranges(car), world.beams, strict=True)
+        lidar + far * fleet.car.reach * (cos * ahead + sin * left)
+        for far, (cos, sin) in zip(fleet.ranges(car), world.beams.directions, strict=True)
     ]
     canvas.area([lidar, *ends], (*BEAM, 22))
     for end in ends:
@@ -119,15 +219,15 @@ def picture(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) -> ND
     page.inset(canvas, _PANEL, 0)
     page.inset(_overview(track, here, side=_PANEL - 24), 12, 12)
     page.text(_PANEL / 2, _PANEL + 8, track.name, size=16, anchor="ma")
-    page.text(_PANEL / 2, size[1] - 100, f"step {fleet.rows.steps[car]}", anchor="ma")
+    page.text(_PANEL / 2, size[1] - 100, f"step {fleet.cars.steps[car]}", anchor="ma")
     page.text(_PANEL / 2, size[1] - 58, "steering", anchor="ma")
-    page.bar(24, size[1] - 28, _PANEL - 48, 4, CENTRE)
-    steering = float(fleet.rows.steering[car])
+    page.bar(24, size[1] - 28, _PANEL - 48, 4, CENTER)
+    steering = float(fleet.cars.steering[car])
     page.bar(_PANEL / 2 - (_PANEL / 2 - 24) * steering - 2, size[1] - 33, 4, 14, BODY)
     return np.asarray(page.image)
 
 
-def drive_picture(
+def draw_drive(
     track: Track,
     positions: ArrayLike,
     values: ArrayLike,
@@ -136,49 +236,98 @@ def drive_picture(
     label: str = "leverage",
     size: int = 900,
 ) -> Image.Image:
-    """Draw a drive (t, 2) on its track, coloured by values (t,) from 0 (violet) to 1 (yellow).
+    """Draw a drive on its track, colored by a value of each position.
 
-    Several drives may follow each other: where the car jumps by more than two metres, a new one
-    begins. Raises InvalidInputError unless there is one value for each position.
+    Several drives may follow each other: where the car jumps by more than two meters, a new one
+    begins.
+
+    Parameters
+    ----------
+    track:
+        The track.
+    positions:
+        x, y of the car [m] (t, 2).
+    values:
+        From 0 (violet) to 1 (yellow), such as leverage (t,).
+    title:
+        Written above.
+    label:
+        What the values are.
+    size:
+        Width of the picture in pixels.
+
+    Returns
+    -------
+    PIL.Image.Image
+        The picture.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless there is one value for each position.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.rendering import draw_drive
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> hall = find_track("hall")
+    >>> draw_drive(hall, hall.sample_poses(2.0)[:, :2], np.linspace(0, 1, 80), size=300).width
+    300
     """
-    path, shade = np.asarray(positions, dtype=float), np.asarray(values, dtype=float)
+    path = np.asarray(positions, dtype=float)
+    shade = np.asarray(values, dtype=float)
     if path.shape != (len(shade), 2) or not len(path):
         raise InvalidInputError(
             f"values: expected one for each position, found {shade.shape} for {path.shape}"
         )
-    low, high = track.centre.min(axis=0), track.centre.max(axis=0)
+    low = track.center.min(axis=0)
+    high = track.center.max(axis=0)
     scale = (size - 60) / (high - low + 2).max()
     height = round((high - low + 2)[1] * scale) + 130
     canvas = Canvas((size, height), (low + high) / 2 + [0, 35 / scale], scale)
     canvas.road(track, wall=2)
     for begin, end, value in zip(path[:-1], path[1:], shade[:-1], strict=True):
         if np.hypot(*(end - begin)) < 2.0:
-            canvas.line([begin, end], color_of(value), 6)
-            canvas.dot(end, 3, color_of(value))
+            canvas.line([begin, end], color_for(value), 6)
+            canvas.dot(end, 3, color_for(value))
     canvas.text(24, 18, title, size=18)
     for pixel in range(200):
-        canvas.bar(size - 260 + pixel, 22, 1, 12, color_of(pixel / 199))
+        canvas.bar(size - 260 + pixel, 22, 1, 12, color_for(pixel / 199))
     for value in (0, 0.5, 1):
         canvas.text(size - 260 + 200 * value, 38, f"{value:g}", size=12, anchor="ma")
     canvas.text(size - 270, 20, label, size=14, anchor="ra")
     return canvas.image
 
 
-def color_of(value: float) -> Colour:
-    """Return the colour of a value in [0, 1]."""
+def color_for(value: float) -> Color:
+    """Return the color of a value.
+
+    Parameters
+    ----------
+    value:
+        From 0 (violet) to 1 (yellow); what is beyond is clipped.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.rendering import color_for
+    >>> color_for(1.0)
+    (253, 231, 37)
+    """
     place = float(np.clip(value, 0.0, 1.0)) * (len(_VIRIDIS) - 1)
     r, g, b = (np.interp(place, range(len(_VIRIDIS)), _VIRIDIS[:, c]) for c in range(3))
     return round(float(r)), round(float(g)), round(float(b))
 
 
 def _car(canvas: Canvas, fleet: Fleet, car: int, here: Any, ahead: Any, left: Any) -> None:
-    settings, angle = fleet.car, fleet.rows.wheels[car]
+    """Draw the car's body and its wheels, the front ones turned."""
+    settings = fleet.car
+    angle = fleet.cars.wheels[car]
     turned = np.cos(angle) * ahead + np.sin(angle) * left
     half = settings.width / 2
     for axle, way in ((0.0, ahead), (settings.wheelbase, turned)):
         for side in (-1, 1):
             hub = here + axle * ahead + side * (half - 0.02) * left
-            canvas.area(_box(hub, way, 0.055, 0.03), TYRE)
+            canvas.area(_box(hub, way, 0.055, 0.03), TIRE)
     middle = here + settings.wheelbase / 2 * ahead
     length = settings.wheelbase / 2 + settings.overhang
     canvas.area(_box(middle, ahead, length, half - 0.02), BODY)
@@ -186,9 +335,11 @@ def _car(canvas: Canvas, fleet: Fleet, car: int, here: Any, ahead: Any, left: An
 
 
 def _overview(track: Track, here: NDArray[np.float64], *, side: int) -> Canvas:
-    low, high = track.centre.min(axis=0), track.centre.max(axis=0)
+    """Return a small map of the track with a dot where the car is."""
+    low = track.center.min(axis=0)
+    high = track.center.max(axis=0)
     canvas = Canvas((side, side), (low + high) / 2, (side - 16) / (high - low).max(), ROAD)
-    canvas.line(_loop(track.centre), WALL, 2)
+    canvas.line(_loop(track.center), WALL, 2)
     canvas.dot(here, 5, BEAM)
     return canvas
 
@@ -201,10 +352,12 @@ def _box(middle: Any, way: Any, length: float, half: float) -> list[Any]:
 
 
 def _loop(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a closed line with its first points again at the end, so that its joint is round."""
     return np.concatenate([points, points[:2]])
 
 
 def _area(points: NDArray[np.float64]) -> float:
     """Return the area of a polygon."""
-    x, y = points[:, 0], points[:, 1]
+    x = points[:, 0]
+    y = points[:, 1]
     return abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2

@@ -12,16 +12,20 @@ from ssil_data.errors import InvalidInputError, NotFoundError
 from ssil_trainers.envs.rc_lidar.track import Track, load_track
 
 LAP = 160.0
-"""Length [m] of every track's centre line: 400 decisions at 4 m/s and 10 Hz."""
-_FINE, _SPACING = 0.05, 0.2
-"""Distances [m] of points while a line is made, and of the line that is kept."""
+"""Length [m] of every track's center line: 400 decisions at 4 m/s and 10 Hz."""
+_FINE = 0.05
+"""Distance [m] of points while a line is made."""
+_SPACING = 0.2
+"""Distance [m] of points of the line that is kept."""
 _SOFT = 0.4
+"""Distance [m] over which the curvature of a line is smoothed."""
 _ATTEMPTS = 200
+"""Polygons that are tried before a shape is given up."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A member of the family.
+    """A member of the family of closed curves.
 
     Parameters
     ----------
@@ -32,9 +36,20 @@ class Shape:
     rough:
         How far corners are pulled towards the middle, from 0 (a round track) to below 1.
     tightest:
-        Smallest radius of the centre line [m].
+        Smallest radius of the center line [m].
     width:
         Width of the track [m].
+
+    Raises
+    ------
+    InvalidInputError
+        For numbers that no curve has.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.tracks import Shape, generate_track
+    >>> round(generate_track(Shape(seed=7)).length)
+    160
     """
 
     seed: int
@@ -44,7 +59,7 @@ class Shape:
     width: float = 1.1
 
     def __post_init__(self) -> None:
-        """Refuse what has no shape."""
+        """Refuse numbers that no curve has."""
         if self.seed < 0:
             raise InvalidInputError(f"seed: expected at least 0, found {self.seed}")
         if self.corners < 3:
@@ -67,17 +82,38 @@ NAMED = {
     "loft": Shape(seed=6, corners=12, rough=0.5, tightest=1.3),
 }
 COLLECTION_TRACK = "yard"
-"""Where demonstrations are collected; none is trained or tested here."""
+"""Where demonstrations are collected; no policy is trained or tested here."""
 TRAINING_TRACK = "hall"
 """Where policies are trained."""
 TEST_TRACKS = ("attic", "cellar", "garage", "loft")
-"""Where policies are tested, never before."""
+"""Where policies are tested, which they have never seen."""
 
 
 def find_track(name: str) -> Track:
-    """Return a track by its name, by its seed (`seed-17`) or from a CSV file (`….csv`).
+    """Return a track by its name.
 
-    Raises NotFoundError for another name, InvalidInputError for a file that holds no track.
+    Parameters
+    ----------
+    name:
+        One of `NAMED`, `seed-N`, or a CSV file (`….csv`).
+
+    Returns
+    -------
+    Track
+        The track.
+
+    Raises
+    ------
+    NotFoundError
+        For another name.
+    InvalidInputError
+        For a file that holds no track.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> find_track("hall").name
+    'hall'
     """
     if name.endswith(".csv"):
         return load_track(Path(name))
@@ -92,9 +128,24 @@ def find_track(name: str) -> Track:
 
 
 def generate_track(shape: Shape, name: str | None = None) -> Track:
-    """Return the track of that shape: a random polygon with round corners, `LAP` metres around.
+    """Return the track of a shape: a random polygon with round corners, `LAP` meters around.
 
-    Raises NotFoundError if 200 polygons all leave no room for their corners or the width.
+    Parameters
+    ----------
+    shape:
+        The shape; the same shape gives the same track.
+    name:
+        Name of the track; None is `seed-N`.
+
+    Returns
+    -------
+    Track
+        The track.
+
+    Raises
+    ------
+    NotFoundError
+        If 200 polygons all leave no room for their corners or the width.
     """
     rng = np.random.default_rng([shape.seed, shape.corners])
     for _ in range(_ATTEMPTS):
@@ -111,11 +162,14 @@ def generate_track(shape: Shape, name: str | None = None) -> Track:
             )
         except InvalidInputError:
             continue
-    raise NotFoundError(f"track: expected a closed curve of {shape}, found none")
+    raise NotFoundError(
+        f"track: no closed curve of {shape} after {_ATTEMPTS} attempts; "
+        "take fewer corners or a smaller width"
+    )
 
 
 def _polygon(shape: Shape, rng: np.random.Generator) -> NDArray[np.complex128]:
-    """Return the corners of a star-shaped polygon, `LAP` metres around, as complex numbers."""
+    """Return the corners of a star-shaped polygon, `LAP` meters around, as complex numbers."""
     jitter = rng.uniform(-0.3, 0.3, shape.corners)
     angles = 2 * np.pi * (np.arange(shape.corners) + jitter) / shape.corners
     corners = (1 - shape.rough * rng.uniform(size=shape.corners)) * np.exp(1j * angles)
@@ -129,11 +183,11 @@ def _round_corners(
     """Return the polygon with arcs of those radii for corners, at even distances; None if they do
     not fit. It is no longer than the polygon, so scaling it to that length keeps radii from below.
     """
-    ways = np.roll(corners, -1) - corners
-    before, after = np.roll(ways, 1), ways
+    after = np.roll(corners, -1) - corners
+    before = np.roll(after, 1)
     turns = np.angle(after / before)
     cut = radii * np.tan(np.abs(turns) / 2)
-    if (cut + np.roll(cut, -1) > np.abs(ways)).any():
+    if (cut + np.roll(cut, -1) > np.abs(after)).any():
         return None
     pieces = []
     for corner, way, turn, radius, short in zip(
@@ -148,13 +202,13 @@ def _round_corners(
 
 
 def _blur(line: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the even line blurred over `_SOFT` metres, so that curvature does not jump."""
+    """Return the even line blurred over `_SOFT` meters, so that curvature does not jump."""
     frequency = np.fft.fftfreq(len(line), _around(line) / len(line))
     return np.fft.ifft(np.fft.fft(line) * np.exp(-0.5 * (2 * np.pi * _SOFT * frequency) ** 2))
 
 
 def _even(line: NDArray[np.complex128], points: int) -> NDArray[np.complex128]:
-    """Return so many points of a closed line at even distances."""
+    """Return `points` points of a closed line at even distances."""
     closed = np.append(line, line[0])
     at = np.append(0.0, np.cumsum(np.abs(np.diff(closed))))
     return np.interp(np.linspace(0.0, at[-1], points, endpoint=False), at, closed)

@@ -10,9 +10,9 @@ import pytest
 
 import ssil_trainers.envs  # noqa: F401  registers the id
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, Track
+from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, TrackName
 from ssil_trainers.envs.racetrack.starts import Start
-from ssil_trainers.envs.racetrack.twin import RacetrackVectorEnv
+from ssil_trainers.envs.racetrack.vector_env import RacetrackVectorEnv
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_starts_of_another_form_are_refused_and_nothing_is_reseeded(
     np.testing.assert_array_equal(envs.reset()[0], same.reset()[0])
 
 
-def test_a_start_is_asked_only_of_the_cars_that_are_reset() -> None:
+def test_only_starts_of_the_cars_that_are_reset_are_checked() -> None:
     envs, start = RacetrackVectorEnv(2), Start(3, 1.0, 5.0)
     envs.reset(seed=0)
     mask = np.array([False, True])
@@ -97,7 +97,7 @@ def test_what_cannot_be_driven_is_refused(settings: dict[str, Any], message: str
 
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
 def test_at_the_slowest_rate_the_car_leaves_the_road_but_not_the_observation_space(
-    track: Track,
+    track: TrackName,
 ) -> None:
     twin = RacetrackVectorEnv(500, track, policy_hz=4, autoreset_mode="SameStep")
     rng, lanes = np.random.default_rng(0), twin.road.lanes.length

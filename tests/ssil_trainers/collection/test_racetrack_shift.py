@@ -1,4 +1,4 @@
-"""Another track, another rate, other vehicles: what a shifted collection drives, and its card."""
+"""A shifted racetrack (another track, rate, traffic): what is driven, and what the card says."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.collection import racetrack as demonstrations
-from ssil_trainers.collection.quality_tiers import BANDS, Band
-from ssil_trainers.collection.racetrack import RacetrackSettings, collect_racetrack
-from ssil_trainers.collection.racetrack_card import racetrack_card
+from ssil_trainers.collection.card import render_card
+from ssil_trainers.collection.collect import collect
+from ssil_trainers.collection.racetrack import RACETRACK, RacetrackSettings
+from support.small_collections import with_wide_bands
 
 TINY = RacetrackSettings(
     labeled=20,
@@ -28,7 +28,7 @@ TINY = RacetrackSettings(
 
 
 @pytest.mark.parametrize(
-    ("shift", "told"),
+    ("shift", "phrases"),
     [
         (
             {"track": "oval", "policy_hz": 5},
@@ -40,19 +40,16 @@ TINY = RacetrackSettings(
         ),
     ],
 )
-def test_a_shift_is_driven_and_told(
-    shift: dict[str, Any], told: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(demonstrations, "BANDS", [Band(b.tier, -9.0, 99.0) for b in BANDS])
+def test_a_shift_is_driven_and_described(shift: dict[str, Any], phrases: list[str]) -> None:
     settings = replace(TINY, **shift)
-    collected = collect_racetrack(seed=0, settings=settings)
-    card = racetrack_card("shifted", collected, command="ssil-data collect racetrack")
-    assert all(words in card for words in told)
-    drive = max((taken.drive for taken in collected.taken), key=len)
-    metres = np.linalg.norm(np.diff(drive.positions, axis=0), axis=1)
-    speeds = 20 * np.hypot(drive.states[1:, 21], drive.states[1:, 22])
+    collection = collect(with_wide_bands(RACETRACK), settings, seed=0)
+    card = render_card(collection, name="shifted", command="ssil-data collect racetrack")
+    assert all(phrase in card for phrase in phrases)
+    longest = max((selection.recorded for selection in collection.selections), key=len)
+    meters = np.linalg.norm(np.diff(longest.positions, axis=0), axis=1)
+    speeds = 20 * np.hypot(longest.states[1:, 21], longest.states[1:, 22])
     # A decision lasts so long that the car gets about this far.
-    np.testing.assert_allclose(metres * settings.policy_hz, speeds, atol=1.1)
+    np.testing.assert_allclose(meters * settings.policy_hz, speeds, atol=1.1)
 
 
 @pytest.mark.parametrize(

@@ -13,31 +13,31 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import ssil_trainers.envs  # noqa: F401  registers the id
 from ssil_data.store import Store
-from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, Track
+from ssil_trainers.envs.racetrack.env import HIGHWAY_IDS, RacetrackEnv, TrackName
 from ssil_trainers.envs.racetrack.starts import Start
 from ssil_trainers.envs.racetrack.state import observe
-from ssil_trainers.envs.racetrack.twin import RacetrackVectorEnv
+from ssil_trainers.envs.racetrack.vector_env import RacetrackVectorEnv
 from support.demonstrations import DATASETS
 
 CARS = 12
 
 
 def expert_like(states: np.ndarray) -> np.ndarray:
-    """Drivers (n, 2) who hold the middle and brake for curves: 11 to 15 m/s on average."""
+    """Drivers (n, 2) that keep to the middle and brake for curves: 11 to 15 m/s on average."""
     heading, offset, speed = states[:, 19], states[:, 20], 20 * states[:, 21]
     slip = np.arcsin(np.clip(2.5 * states[:, 26] / 20, -0.9, 0.9))
     curve = np.arctan(2 * np.tan(slip)) / (np.pi / 4)
     tightest = np.abs(states[:, 26:]).max(axis=1) / 20
-    wanted = np.minimum(19.0, np.sqrt(6 / np.maximum(tightest, 1e-3)))
+    target = np.minimum(19.0, np.sqrt(6 / np.maximum(tightest, 1e-3)))
     steering = curve - (heading + 0.25 * offset) * 10 / np.maximum(speed, 5.0)
-    return np.stack([(wanted - speed) / 2, steering], axis=1).astype(np.float32)
+    return np.stack([(target - speed) / 2, steering], axis=1).astype(np.float32)
 
 
 def mixed(states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A third drives like an expert, a third trembles, a third does anything at all."""
+    """A third drives like an expert, a third with noise, a third does anything at all."""
     actions = expert_like(states)
-    trembling, wild = np.arange(len(states)) % 3 == 1, np.arange(len(states)) % 3 == 2
-    actions[trembling] += rng.normal(scale=0.3, size=(trembling.sum(), 2))
+    noisy, wild = np.arange(len(states)) % 3 == 1, np.arange(len(states)) % 3 == 2
+    actions[noisy] += rng.normal(scale=0.3, size=(noisy.sum(), 2))
     actions[wild] = rng.uniform(-1.5, 1.5, size=(wild.sum(), 2))
     return actions.astype(np.float32)
 
@@ -68,19 +68,21 @@ def assert_same(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("policy_hz", [10, 5])
 @pytest.mark.parametrize("track", HIGHWAY_IDS)
-def test_the_twin_is_the_real_environment(track: Track, policy_hz: int) -> None:
+def test_the_twin_is_the_real_environment(track: TrackName, policy_hz: int) -> None:
     real, twin = side_by_side(track=track, policy_hz=policy_hz, episode_steps=50)
     rng, ends = np.random.default_rng(policy_hz), 0
     seen, _ = real.reset(seed=40)
     twin.reset(seed=40)
     for _ in range(70):
         states = [observe(env.road, env.car) for env in real.envs]
-        np.testing.assert_allclose(twin._states, states, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(twin._output.states, states, rtol=0, atol=1e-9)
         assert [twin.car(car).lane for car in range(CARS)] == [env.car.lane for env in real.envs]
         actions = mixed(seen, rng)
         seen, rewards, terminated, truncated, info = real.step(actions)
-        twin_seen, *twin_told = twin.step(actions)
-        for expected, found in zip((rewards, terminated, truncated, info), twin_told, strict=True):
+        twin_seen, *twin_results = twin.step(actions)
+        for expected, found in zip(
+            (rewards, terminated, truncated, info), twin_results, strict=True
+        ):
             assert_same(expected, found)
         assert twin_seen.dtype == seen.dtype
         ends += terminated.sum()
@@ -114,7 +116,10 @@ def test_braking_to_a_stand_and_backwards_is_the_same_on_either() -> None:
         for car, env in enumerate(real.envs):
             assert twin.car(car).speed == pytest.approx(env.car.speed, abs=1e-9)
         np.testing.assert_allclose(
-            twin._states, [observe(env.road, env.car) for env in real.envs], rtol=0, atol=1e-9
+            twin._output.states,
+            [observe(env.road, env.car) for env in real.envs],
+            rtol=0,
+            atol=1e-9,
         )
     assert min(twin.car(car).speed for car in range(CARS)) > -0.6, "as slow as highway-env allows"
 
@@ -139,7 +144,7 @@ def test_committed_demonstrations_are_what_the_twin_sees() -> None:
 
 
 def drive(envs: RacetrackVectorEnv, car: int, *, seed: int, steps: int = 150) -> np.ndarray:
-    """Return the states of one wild car whose neighbours drive otherwise; it starts anew often."""
+    """Return the states of one wild car whose neighbors drive otherwise; it starts anew often."""
     rng = np.random.default_rng(9)
     states = [envs.reset(seed=seed)[0][car]]
     for _ in range(steps):
@@ -207,9 +212,9 @@ def test_told_starts_are_kept_on_either_side() -> None:
     assert real.start == start
     assert real.car.speed == 11.0
     assert real.car.longitudinal == pytest.approx(12.5)
-    both, told = twin.reset(seed=0, options={"start": [start, start]})
+    both, infos = twin.reset(seed=0, options={"start": [start, start]})
     np.testing.assert_allclose(both, [seen, seen], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(told["position"], [info["position"]] * 2)
+    np.testing.assert_allclose(infos["position"], [info["position"]] * 2)
     assert twin.starts == [start, start]
 
 
