@@ -72,6 +72,8 @@ def main(words: Sequence[str] | None = None) -> NoReturn:
     words = sys.argv[1:] if words is None else list(words)
     try:
         _check_command(words)
+        if words and not words[0].startswith("-"):
+            open_command(words[0])
         status = app(words, exit_on_error=False, result_action="return_value")
     except CycloptsError:
         raise SystemExit(2) from None
@@ -101,6 +103,20 @@ def _check_command(words: Sequence[str]) -> None:
     commands = [name for name in app if not name.startswith("-")]
     if words and not words[0].startswith("-") and words[0] not in commands:
         raise InvalidInputError(f"command: expected one of {commands}, found {words[0]!r}")
+
+
+def open_command(name: str) -> App:
+    """Return a command, imported, whose help is the whole text of its function.
+
+    Parameters
+    ----------
+    name:
+        A command of `app`. Until it is opened, it has the line of help of the list of commands.
+    """
+    command = app[name]
+    if command.default_command is not None:
+        command.help = None
+    return command
 
 
 def _refusal(message: str) -> SystemExit:
