@@ -44,7 +44,7 @@ def to_json(estimator: Estimator) -> dict[str, Any]:
 
     Parameters
     ----------
-    estimator:
+    estimator
         The settings.
     """
     return {"kind": estimator.kind, **asdict(estimator)}
@@ -55,16 +55,17 @@ def from_json(settings: Mapping[str, Any]) -> Estimator:
 
     Parameters
     ----------
-    settings:
+    settings
         The JSON object; absent keys take their defaults.
 
     Returns
     -------
-    The settings.
+    Estimator
+        The settings.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For an unknown kind or key, or a value that does not fit.
     """
     values = dict(settings)
@@ -82,7 +83,7 @@ def dump(fitted: Fitted) -> bytes:
 
     Parameters
     ----------
-    fitted:
+    fitted
         The estimator.
     """
     description = {
@@ -99,18 +100,19 @@ def load(data: bytes) -> Fitted:
 
     Parameters
     ----------
-    data:
+    data
         The bytes, which need not be trusted.
 
     Returns
     -------
-    The estimator.
+    Fitted
+        The estimator.
 
     Raises
     ------
-    DamagedError:
+    DamagedError
         Where bytes are missing or changed.
-    InvalidInputError:
+    InvalidInputError
         For settings of a kind, or with a key, that this version does not know.
     """
     try:

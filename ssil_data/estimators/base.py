@@ -27,9 +27,9 @@ class Uncertainty:
 
     Parameters
     ----------
-    total:
+    total
         The uncertainty of each pair, (n,) float32.
-    parts:
+    parts
         What it is made of, by name (`aleatoric`: the expert varies here; `epistemic`: the estimator
         does not know), (n,) float32 each. Empty for an autoencoder.
     """
@@ -57,18 +57,19 @@ class Estimator(ABC):
 
         Parameters
         ----------
-        labeled:
+        labeled
             Expert pairs, two at least.
-        seed:
+        seed
             The only source of randomness, 0 to 2^63 − 1.
 
         Returns
         -------
-        The fitted estimator; the settings stay as they are.
+        Fitted
+            The fitted estimator; the settings stay as they are.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For fewer than two pairs or another seed.
         """
 
@@ -79,9 +80,9 @@ class Fitted(ABC):
 
     Parameters
     ----------
-    settings:
+    settings
         What it was fitted with.
-    state_width, action_width:
+    state_width, action_width
         The widths d and k of the states and actions that it can judge.
     """
 
@@ -99,17 +100,18 @@ class Fitted(ABC):
 
         Parameters
         ----------
-        pairs:
+        pairs
             n pairs of the fitted widths. Where `margin` is 1, neighboring rows of an episode must
             be in the same batch.
 
         Returns
         -------
-        Totals and parts, (n,) each.
+        Uncertainty
+            Totals and parts, (n,) each.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For states or actions of another width.
         """
         self.check_widths(pairs)
@@ -123,16 +125,17 @@ class Fitted(ABC):
 
         Parameters
         ----------
-        pairs:
+        pairs
             n pairs of the fitted widths.
 
         Returns
         -------
-        The shares (n, d), rows sum to 1; None for an estimator that has none.
+        ndarray or None
+            The shares (n, d), rows sum to 1; None for an estimator that has none.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For states or actions of another width.
         """
         return None
@@ -142,7 +145,7 @@ class Fitted(ABC):
 
         Parameters
         ----------
-        pairs:
+        pairs
             Those to be judged.
         """
         check_equal("state width", pairs.states.shape[1], self.state_width)
@@ -154,9 +157,9 @@ def check_equal(name: str, found: object, expected: object) -> None:
 
     Parameters
     ----------
-    name:
+    name
         What the message calls them.
-    found, expected:
+    found, expected
         The two sides.
     """
     if found != expected:
@@ -168,9 +171,9 @@ def check_fit_input(labeled: Pairs, seed: int) -> None:
 
     Parameters
     ----------
-    labeled:
+    labeled
         The pairs to fit to.
-    seed:
+    seed
         A number from 0 to 2^63 − 1.
     """
     if len(labeled) < 2:
@@ -184,14 +187,15 @@ def apply_in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArra
 
     Parameters
     ----------
-    formula:
+    formula
         Computes every row of its result from the same row of its arguments.
-    *arrays:
+    *arrays
         Its arguments, n rows each.
 
     Returns
     -------
-    The results, n rows.
+    ndarray
+        The results, n rows.
     """
     starts = range(0, max(1, len(arrays[0])), BLOCK)
     blocks = [formula(*(array[i : i + BLOCK] for array in arrays)) for i in starts]

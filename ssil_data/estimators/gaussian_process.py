@@ -21,11 +21,11 @@ class Kernel:
 
     Parameters
     ----------
-    lengthscale:
+    lengthscale
         Distance over which each state dimension matters, (d,) float32.
-    signal:
+    signal
         Variance that the process explains, () float32.
-    noise:
+    noise
         Variance that it does not explain, () float32.
     """
 
@@ -41,14 +41,15 @@ class Kernel:
 
         Parameters
         ----------
-        a:
+        a
             Standardized states (n, d).
-        b:
+        b
             Standardized states (m, d).
 
         Returns
         -------
-        The covariances (n, m).
+        ndarray
+            The covariances (n, m).
         """
         a = a / self.lengthscale
         b = b / self.lengthscale
@@ -67,11 +68,11 @@ class Process:
 
     Parameters
     ----------
-    kernel:
+    kernel
         The prior covariance.
-    root:
+    root
         From covariances with the m inducing states to q features, (m, q) float32.
-    coefficients:
+    coefficients
         From features to the mean, (q,) float32.
     """
 
@@ -86,14 +87,15 @@ class Process:
 
         Parameters
         ----------
-        x:
+        x
             Standardized states (n, d).
-        inducing:
+        inducing
             The standardized labeled states Z that the process was conditioned on, (m, d).
 
         Returns
         -------
-        Mean (n,) and variance (n,) of the standardized action dimension.
+        tuple of ndarray
+            Mean (n,) and variance (n,) of the standardized action dimension.
         """
         features = self.kernel(x, inducing) @ self.root
         variance = self.kernel.signal - np.square(features).sum(axis=1)

@@ -30,22 +30,22 @@ class GPR(Estimator):
 
     Parameters
     ----------
-    learn_on:
+    learn_on
         Labeled pairs, drawn by the seed, that the kernel is learned from; cost grows as its cube.
-    inducing:
+    inducing
         The posterior is exact up to so many labeled pairs; of more, so many, drawn by the seed,
         become inducing points.
-    steps:
+    steps
         Steps of L-BFGS. Few on purpose: the lengthscales overfit soon.
-    noise_floor:
+    noise_floor
         Least noise variance, as a share of the action's variance.
-    surprisal:
+    surprisal
         Judge the action that was taken, −log p(a | s) of the standardized action in nats, which
         may be negative, instead of the deviation. An extension of the paper.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For a number that is not positive and finite, or not whole where it counts something.
 
     Source
@@ -71,19 +71,20 @@ class GPR(Estimator):
 
         Parameters
         ----------
-        labeled:
+        labeled
             Expert pairs, two at least.
-        seed:
+        seed
             Draws the pairs to learn on and the inducing points. Same seed, same machine, same
             result.
 
         Returns
         -------
-        The fitted estimator.
+        FittedGPR
+            The fitted estimator.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For fewer than two pairs or a seed outside 0 to 2^63 − 1.
         """
         from ssil_data.estimators.learning import marginal, posterior
@@ -119,13 +120,13 @@ class FittedGPR(Fitted):
 
     Parameters
     ----------
-    settings:
+    settings
         What it was fitted with.
-    states, actions:
+    states, actions
         Standardize states (d,) and actions (k,) by the labeled pairs.
-    inducing:
+    inducing
         The standardized labeled states that the posterior is expressed in, (m, d).
-    processes:
+    processes
         One posterior for each of the k action dimensions.
     """
 
@@ -159,12 +160,13 @@ class FittedGPR(Fitted):
 
         Parameters
         ----------
-        states:
+        states
             Raw states (n, d).
 
         Returns
         -------
-        Mean (n, k) and variance (n, k) of the standardized action without its noise.
+        tuple of ndarray
+            Mean (n, k) and variance (n, k) of the standardized action without its noise.
         """
         x = self.states(states)
         moments = [process(x, self.inducing) for process in self.processes]

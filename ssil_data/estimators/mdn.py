@@ -36,25 +36,25 @@ class MDN(Estimator):
 
     Parameters
     ----------
-    components:
+    components
         Normal distributions in the mixture.
-    hidden:
+    hidden
         Width of the one hidden layer.
-    floor:
+    floor
         Least variance of a component, as a share of the action's variance.
-    steps:
+    steps
         Steps of Adam, at a rate that falls to zero.
-    batch:
+    batch
         Labeled pairs drawn for each step.
-    rate:
+    rate
         Learning rate of the first step.
-    surprisal:
+    surprisal
         Judge the action that was taken, −log p(a | s) of the standardized action in nats, which
         may be negative, instead of the variances. An extension of the paper.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For a number that is not positive and finite, or not whole where it counts something.
 
     Source
@@ -82,18 +82,19 @@ class MDN(Estimator):
 
         Parameters
         ----------
-        labeled:
+        labeled
             Expert pairs, two at least.
-        seed:
+        seed
             Sets the first weights and draws the batches. Same seed, same machine, same result.
 
         Returns
         -------
-        The fitted estimator.
+        FittedMDN
+            The fitted estimator.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For fewer than two pairs or a seed outside 0 to 2^63 − 1.
         """
         from ssil_data.estimators.learning import mixture
@@ -128,11 +129,11 @@ class Mixture:
 
     Parameters
     ----------
-    weights:
+    weights
         Of the components (n, K); rows sum to 1.
-    means:
+    means
         Of the standardized action, (n, K, k).
-    variances:
+    variances
         Of each action dimension, (n, K, k).
     """
 
@@ -160,12 +161,13 @@ class Mixture:
 
         Parameters
         ----------
-        actions:
+        actions
             The standardized actions that were taken, (n, k).
 
         Returns
         -------
-        The surprisal (n,), which may be negative.
+        ndarray
+            The surprisal (n,), which may be negative.
         """
         distance = np.square(actions[:, None] - self.means) / self.variances
         log_density = -(distance + np.log(2 * np.pi * self.variances)).sum(axis=2) / 2
@@ -181,11 +183,11 @@ class FittedMDN(Fitted):
 
     Parameters
     ----------
-    settings:
+    settings
         What it was fitted with.
-    states, actions:
+    states, actions
         Standardize states (d,) and actions (k,) by the labeled pairs.
-    network:
+    network
         State (d) → logits (K), means (K·k), log variances (K·k).
     """
 
@@ -206,12 +208,13 @@ class FittedMDN(Fitted):
 
         Parameters
         ----------
-        states:
+        states
             Raw states (n, d).
 
         Returns
         -------
-        The mixtures of standardized actions.
+        Mixture
+            The mixtures of standardized actions.
         """
         count = self.settings.components
         width = self.action_width

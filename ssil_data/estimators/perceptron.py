@@ -16,14 +16,14 @@ class Perceptron:
 
     Parameters
     ----------
-    inner, inner_bias:
+    inner, inner_bias
         From input to hidden layer, (in, hidden) and (hidden,) float32.
-    outer, outer_bias:
+    outer, outer_bias
         From hidden layer to output, (hidden, out) and (out,) float32.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For shapes that do not fit each other.
     """
 
@@ -35,7 +35,8 @@ class Perceptron:
     def __post_init__(self) -> None:
         """Validate that the layers fit each other."""
         shapes = [array.shape for array in (self.inner, self.inner_bias, self.outer)]
-        hidden, width = self.inner_bias.size, self.outer_bias.size
+        hidden = self.inner_bias.size
+        width = self.outer_bias.size
         expected = [(self.inner.shape[0], hidden), (hidden,), (hidden, width)]
         if shapes != expected or self.outer_bias.ndim != 1:
             raise InvalidInputError(f"perceptron: expected shapes {expected}, found {shapes}")
@@ -50,12 +51,13 @@ class Perceptron:
 
         Parameters
         ----------
-        x:
+        x
             Inputs (n, in).
 
         Returns
         -------
-        Outputs (n, out).
+        ndarray
+            Outputs (n, out).
         """
         hidden = x @ self.inner
         hidden += self.inner_bias

@@ -30,17 +30,17 @@ class AutoencoderSettings(Estimator):
 
     Parameters
     ----------
-    latent:
+    latent
         Latent dimensions at most: unused ones collapse to the prior.
-    hidden:
+    hidden
         Width of the one hidden layer of encoder and decoder.
-    beta:
+    beta
         Weight of the KL term; with 1 the loss is the plain evidence lower bound.
-    steps:
+    steps
         Steps of Adam, at a rate that falls to zero.
-    batch:
+    batch
         Labeled pairs drawn for each step.
-    rate:
+    rate
         Learning rate of the first step.
     """
 
@@ -57,18 +57,19 @@ class AutoencoderSettings(Estimator):
 
         Parameters
         ----------
-        labeled:
+        labeled
             Expert pairs, two at least; only their states are used.
-        seed:
+        seed
             Sets the first weights and draws the batches. Same seed, same machine, same result.
 
         Returns
         -------
-        The fitted estimator.
+        FittedAutoencoder
+            The fitted estimator.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For fewer than two pairs or a seed outside 0 to 2^63 − 1.
         """
         from ssil_data.estimators.learning import autoencoder
@@ -105,22 +106,22 @@ class VAE(AutoencoderSettings):
 
     Parameters
     ----------
-    latent:
+    latent
         Latent dimensions at most: unused ones collapse to the prior.
-    hidden:
+    hidden
         Width of the one hidden layer of encoder and decoder.
-    beta:
+    beta
         Weight of the KL term; with 1 the loss is the plain evidence lower bound.
-    steps:
+    steps
         Steps of Adam, at a rate that falls to zero.
-    batch:
+    batch
         Labeled pairs drawn for each step.
-    rate:
+    rate
         Learning rate of the first step.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For a number that is not positive and finite, or not whole where it counts something.
 
     Source
@@ -149,22 +150,22 @@ class WindowVAE(AutoencoderSettings):
 
     Parameters
     ----------
-    latent:
+    latent
         Latent dimensions at most: unused ones collapse to the prior.
-    hidden:
+    hidden
         Width of the one hidden layer of encoder and decoder.
-    beta:
+    beta
         Weight of the KL term; with 1 the loss is the plain evidence lower bound.
-    steps:
+    steps
         Steps of Adam, at a rate that falls to zero.
-    batch:
+    batch
         Labeled pairs drawn for each step.
-    rate:
+    rate
         Learning rate of the first step.
 
     Raises
     ------
-    InvalidInputError:
+    InvalidInputError
         For a number that is not positive and finite, or not whole where it counts something.
 
     Examples
@@ -184,13 +185,13 @@ class FittedAutoencoder(Fitted):
 
     Parameters
     ----------
-    settings:
+    settings
         What it was fitted with.
-    standardizer:
+    standardizer
         Standardizes states or windows by the labeled ones, (window · d,).
-    encoder:
+    encoder
         Standardized input → means (latent) and log variances (latent).
-    decoder:
+    decoder
         Latent values → standardized input.
     """
 
@@ -225,17 +226,18 @@ class FittedAutoencoder(Fitted):
 
         Parameters
         ----------
-        pairs:
+        pairs
             n pairs of the fitted widths.
 
         Returns
         -------
-        The shares (n, d), rows sum to 1; larger = more to blame. Where the error is zero, all are
-        equal.
+        ndarray
+            The shares (n, d), rows sum to 1; larger = more to blame. All are equal where the error
+            is zero.
 
         Raises
         ------
-        InvalidInputError:
+        InvalidInputError
             For states or actions of another width.
         """
         self.check_widths(pairs)
@@ -258,13 +260,14 @@ def autoencoder_inputs(pairs: Pairs, window: int) -> NDArray[np.float32]:
 
     Parameters
     ----------
-    pairs:
+    pairs
         n pairs.
-    window:
+    window
         1 for states, 2 for windows of two steps.
 
     Returns
     -------
-    States or windows, (n, window · d).
+    ndarray
+        States or windows, (n, window · d).
     """
     return pairs.states if window == 1 else windows(pairs.states, pairs.episode)

@@ -91,7 +91,7 @@ def dimension_names(schema: pa.Schema, column: str) -> list[str]:
     return json.loads(schema.field(column).metadata[b"names"])
 
 
-def rows_of(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
+def encode_episode(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
     """Return one episode as rows of the pairs table.
 
     Parameters
@@ -126,7 +126,7 @@ def rows_of(number: int, episode: Episode, schema: pa.Schema) -> pa.Table:
     return pa.table(columns).cast(schema)
 
 
-def description_of(number: int, episode: Episode) -> dict[str, Any]:
+def describe_episode(number: int, episode: Episode) -> dict[str, Any]:
     """Return one episode as a row of the episodes table.
 
     Parameters
@@ -141,7 +141,7 @@ def description_of(number: int, episode: Episode) -> dict[str, Any]:
     return {"episode": number, "length": len(episode), **known}
 
 
-def pairs_of(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
+def decode_pairs(batch: pa.RecordBatch, schema: pa.Schema) -> Pairs:
     """Return rows of the pairs table as pairs.
 
     Parameters

@@ -32,7 +32,7 @@ def sync_log(table: Path) -> None:
 
     Parameters
     ----------
-    table:
+    table
         The table's folder.
     """
     log = table / LOG
@@ -56,7 +56,7 @@ def forget_location(log: Folder) -> None:
 
     Parameters
     ----------
-    log:
+    log
         The folder of the entries.
     """
     name = f"{0:020d}.json"
@@ -72,12 +72,12 @@ def move_torn_entry(folder: Folder) -> None:
 
     Parameters
     ----------
-    folder:
+    folder
         The table's folder.
 
     Raises
     ------
-    DamagedError:
+    DamagedError
         If the entry is torn and cannot be renamed.
     """
     if folder.local is None or _newest_torn(folder.local) is None:

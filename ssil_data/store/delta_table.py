@@ -32,15 +32,15 @@ class DataFile:
 
     Parameters
     ----------
-    path:
+    path
         Below the table's folder.
-    rows:
+    rows
         How many it has.
-    partition:
+    partition
         Values of the partition columns, such as the run's name.
-    first, last:
+    first, last
         The first and the last episode with rows in it.
-    first_step:
+    first_step
         The least step in it.
     """
 
@@ -65,16 +65,16 @@ class VersionedTable:
 
         Parameters
         ----------
-        folder:
+        folder
             The table's folder.
-        version:
+        version
             Number of a commit, None for the newest.
 
         Raises
         ------
-        NotFoundError:
+        NotFoundError
             If there is no table.
-        DamagedError:
+        DamagedError
             If the log cannot be read.
         """
         self.folder = folder
@@ -95,11 +95,11 @@ class VersionedTable:
 
         Parameters
         ----------
-        folder:
+        folder
             The table's folder; it must hold no table.
-        schema:
+        schema
             The columns.
-        partition:
+        partition
             Names of columns that become folders.
         """
         folder.make()
@@ -142,7 +142,7 @@ class VersionedTable:
 
         Parameters
         ----------
-        claim:
+        claim
             The name.
         """
         return self.delta.transaction_version(claim)
@@ -158,16 +158,16 @@ class VersionedTable:
 
         Parameters
         ----------
-        chunks:
+        chunks
             Rows in order; small chunks are joined into files of `FILE_BYTES`.
-        partition:
+        partition
             Values of the partition columns.
-        claim:
+        claim
             A name that no other commit may claim at the same time, and a number beside it.
 
         Raises
         ------
-        ConflictError:
+        ConflictError
             If another writer claimed the same name since this snapshot.
         """
         partition = dict(partition or {})
@@ -199,16 +199,16 @@ class VersionedTable:
 
         Parameters
         ----------
-        files:
+        files
             Files of this table, read in the order given.
-        columns:
+        columns
             Names of columns.
-        rows:
+        rows
             Rows of a batch at most.
 
         Raises
         ------
-        DamagedError:
+        DamagedError
             Where the bytes are not those that were written.
         """
         for file in files:

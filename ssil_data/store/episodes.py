@@ -17,11 +17,11 @@ def check_episode(dataset: str, episodes: pa.Table, number: int) -> None:
 
     Parameters
     ----------
-    dataset:
+    dataset
         The dataset's name, for the message.
-    episodes:
+    episodes
         Its episodes table.
-    number:
+    number
         The episode.
 
     Raises
@@ -40,9 +40,9 @@ def check_labeled(dataset: str, episodes: pa.Table) -> None:
 
     Parameters
     ----------
-    dataset:
+    dataset
         The dataset's name, for the message.
-    episodes:
+    episodes
         Its episodes table.
 
     Raises
@@ -62,9 +62,9 @@ def repeat_per_pair(episodes: pa.Table, column: str) -> NDArray[Any]:
 
     Parameters
     ----------
-    episodes:
+    episodes
         The episodes table.
-    column:
+    column
         Its name, such as `labeled`.
     """
     return np.repeat(episodes[column].to_numpy(), episodes["length"].to_numpy())
@@ -81,13 +81,13 @@ def check_dimension_names(
 
     Parameters
     ----------
-    dataset:
+    dataset
         The dataset's name, for the message.
-    found:
+    found
         The names of the episodes' dimensions, under the keys `state` and `action`.
-    expected:
+    expected
         Those of the dataset.
-    quote:
+    quote
         Whether the message says what was found; a service does not repeat what it is sent.
 
     Raises

@@ -13,35 +13,35 @@ class Run:
 
     Parameters
     ----------
-    name:
+    name
         Unique in the dataset, over all its versions.
-    dataset, dataset_version:
+    dataset, dataset_version
         What was scored; the values belong to this version alone, the model may be used for any.
-    estimator:
+    estimator
         Settings of the estimator, a JSON object with its `kind`.
-    preset:
+    preset
         Name of the preset whose choices it was made by, None for any other.
-    scale:
+    scale
         Settings of the scale, a JSON object with its `kind`.
-    fitted_scale:
+    fitted_scale
         The scale as fitted, likewise.
-    labeled_is_one:
+    labeled_is_one
         Whether labeled pairs got leverage 1 whatever their uncertainty.
-    seed:
+    seed
         Of the fit.
-    pairs, labeled:
+    pairs, labeled
         How many pairs were scored, and how many of them are labeled.
-    seconds:
+    seconds
         How long it took.
-    alpha:
+    alpha
         Sharpness of the LCoR kernel chosen for the dataset's states.
-    shift, spread:
+    shift, spread
         Mean and deviation of each state dimension over all pairs, (d,): they standardize states.
-    created:
+    created
         When, ISO 8601, UTC.
-    ssil_data:
+    ssil_data
         Version of the code.
-    model:
+    model
         Digest of the fitted estimator's bytes.
 
     Examples
@@ -81,7 +81,7 @@ class Run:
 
         Parameters
         ----------
-        json:
+        json
             The object, with the name under the key `run`.
         """
         values = dict(json)

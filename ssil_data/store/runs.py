@@ -29,9 +29,9 @@ class Runs:
 
         Parameters
         ----------
-        dataset:
+        dataset
             The dataset's folder.
-        version:
+        version
             The fingerprint of the version.
         """
         self._folder = dataset
@@ -57,14 +57,14 @@ class Runs:
 
         Parameters
         ----------
-        name:
+        name
             The run's name.
 
         Raises
         ------
-        NotFoundError:
+        NotFoundError
             If no run has the name.
-        ConflictError:
+        ConflictError
             If the run was made from another version.
         """
         return self._check_version(self._find(self._open_table(), name))
@@ -78,12 +78,12 @@ class Runs:
 
         Parameters
         ----------
-        name:
+        name
             The run's name.
 
         Raises
         ------
-        NotFoundError:
+        NotFoundError
             If no run has the name.
         """
         return self._find(self._open_table(), name)
@@ -93,20 +93,21 @@ class Runs:
 
         Parameters
         ----------
-        name:
+        name
             The run's name.
 
         Returns
         -------
-        A table of n rows with the columns of `arrow_schema.VALUES`.
+        pa.Table
+            A table of n rows with the columns of `arrow_schema.VALUES`.
 
         Raises
         ------
-        NotFoundError:
+        NotFoundError
             If no run has the name.
-        ConflictError:
+        ConflictError
             If the run was made from another version.
-        DamagedError:
+        DamagedError
             Where bytes are not those that were written.
         """
         table = self._open_table()
@@ -119,12 +120,12 @@ class Runs:
 
         Parameters
         ----------
-        run:
+        run
             The record of a run of any version.
 
         Raises
         ------
-        DamagedError:
+        DamagedError
             Where the bytes are not those that were written.
         """
         name = f"estimator-{run.model}.safetensors"
@@ -135,7 +136,7 @@ class Runs:
 
         Parameters
         ----------
-        name:
+        name
             The wanted name.
         """
         table = self._open_table()
@@ -151,7 +152,7 @@ class Runs:
 
         Parameters
         ----------
-        name:
+        name
             The wanted name.
         """
         self._check_unused(self._open_table(), name)
@@ -161,16 +162,16 @@ class Runs:
 
         Parameters
         ----------
-        run:
+        run
             The record.
-        model:
+        model
             The fitted estimator's bytes, whose digest is `run.model`.
-        values:
+        values
             Chunks with the columns of `arrow_schema.VALUES`, in the order of the pairs.
 
         Raises
         ------
-        ConflictError:
+        ConflictError
             If the name is taken, or taken by another writer meanwhile.
         """
         table = self._open_table()
@@ -225,7 +226,7 @@ def create(dataset: Folder) -> None:
 
     Parameters
     ----------
-    dataset:
+    dataset
         The dataset's folder.
     """
     VersionedTable.create(dataset / "leverage", LEVERAGE, partition=["run"])
@@ -236,7 +237,7 @@ def digest(data: bytes) -> str:
 
     Parameters
     ----------
-    data:
+    data
         The file's bytes.
     """
     return hashlib.sha256(data).hexdigest()[:15]

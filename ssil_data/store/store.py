@@ -17,19 +17,33 @@ from ssil_data.store.delta_table import VersionedTable
 from ssil_data.store.folder import Folder, check_name
 
 _HIDDEN = ".unfinished-"
-"""Begins the names of folders that are being built, or deleted, and belong to no dataset."""
+"""Prefix of folders that are being built or deleted and belong to no dataset."""
 _PARTS = frozenset({"pairs", "episodes", "leverage", "models"})
+"""What a writer without a lock can leave of a deleted dataset."""
 
 
 class Store:
-    """Datasets by name; a dataset exists when its card does, which is written last.
+    """Datasets by name, in a folder or below an object store's prefix.
 
-    On disk, who builds, writes to or deletes a dataset holds a lock on its folder, in whatever
-    process: it is free again when that process ends. An object store has no such locks.
+    A dataset exists when its card does, which is written last. On disk, a process that builds,
+    writes to or deletes a dataset locks its folder; the lock ends with the process. An object store
+    has no such locks.
+
+    Parameters
+    ----------
+    location
+        A path or a URI such as `s3://bucket/prefix`; the store appears with its first dataset.
+
+    Examples
+    --------
+    >>> store.names()
+    ['drives']
+    >>> len(store["drives"])
+    420
     """
 
     def __init__(self, location: str | Path) -> None:
-        """Point at a folder or URI; a new store appears with its first dataset."""
+        """Point at a folder or URI; nothing is read or created yet."""
         self.folder = Folder(location)
 
     def __repr__(self) -> str:
@@ -37,7 +51,13 @@ class Store:
         return f"Store({self.folder.uri!r})"
 
     def __contains__(self, name: str) -> bool:
-        """Tell whether a dataset of that name exists."""
+        """Tell whether a dataset exists.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+        """
         return (self.folder / check_name("dataset", name)).exists(CARD)
 
     def __iter__(self) -> Iterator[Dataset]:
@@ -45,13 +65,24 @@ class Store:
         return (self[name] for name in self.names())
 
     def __getitem__(self, name: str) -> Dataset:
-        """Open the newest version of a dataset; raises NotFoundError."""
+        """Open the newest version of a dataset.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that name.
+        """
         if name not in self:
             raise self._no_such_dataset(name)
         return Dataset(self.folder / name)
 
     def names(self) -> list[str]:
-        """List the datasets."""
+        """List the names of the datasets, sorted."""
         visible = [name for name in self.folder.names() if not name.startswith(".")]
         return [name for name in visible if (self.folder / name).exists(CARD)]
 
@@ -66,9 +97,30 @@ class Store:
     ) -> Dataset:
         """Write a new dataset; it appears whole, at the end, or not at all.
 
-        On disk it is built in a hidden folder and renamed. The files' checksums are added to the
-        card. Raises ConflictError if the name is
-        taken, InvalidInputError for episodes of another width or none.
+        On disk it is built in a hidden folder and renamed.
+
+        Parameters
+        ----------
+        name
+            Of the dataset, unused.
+        episodes
+            At least one, all of the same widths.
+        state_names, action_names
+            One name for each dimension.
+        card
+            Markdown that describes the dataset; the files' checksums are added.
+
+        Returns
+        -------
+        Dataset
+            Its first version.
+
+        Raises
+        ------
+        ConflictError
+            If the name is taken.
+        InvalidInputError
+            For episodes of another width, or none.
         """
         if name in self:
             raise self._name_taken(name)
@@ -85,21 +137,43 @@ class Store:
 
     @contextmanager
     def open_for_writing(self, name: str) -> Iterator[Dataset]:
-        """Open a dataset that nobody deletes meanwhile; several may write to it at once.
+        """Open a dataset and keep it from being deleted; several may write to it at once.
 
-        Raises NotFoundError, or ConflictError if it is being deleted.
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that name.
+        ConflictError
+            If it is being deleted.
         """
-        with self._lock_dataset(name, alone=False):
+        with self._lock_dataset(name, exclusive=False):
             yield self[name]
 
     def delete(self, name: str) -> None:
-        """Delete a dataset with its runs: gone at once under its name, then from the disk.
+        """Delete a dataset with its runs: at once under its name, then from the disk.
 
-        In an object store it goes file by file. Raises NotFoundError, or ConflictError while
-        somebody is `writing` to it.
+        In an object store it goes file by file.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that name.
+        ConflictError
+            While it is open for writing.
         """
-        with self._lock_dataset(name, alone=True):
-            removed = folder = self.folder / name
+        with self._lock_dataset(name, exclusive=True):
+            folder = self.folder / name
+            removed = folder
             if folder.local is not None:
                 removed = self._hidden_folder()
                 if not folder.rename(removed):
@@ -108,26 +182,28 @@ class Store:
 
     def sweep(self) -> None:
         """Delete what a `create` or a `delete` that was killed left on the disk."""
-        for name in self.folder.names() if self.folder.local is not None else []:
-            left = self.folder / name
-            if name.startswith(_HIDDEN) and left.local is not None:
-                with suppress(OSError), ExitStack() as held:
-                    with self._exclusive():
-                        held.enter_context(_lock(left.local, alone=True))
-                    left.delete()
+        if self.folder.local is None:
+            return
+        for name in self.folder.names():
+            remains = self.folder / name
+            if name.startswith(_HIDDEN) and remains.local is not None:
+                with suppress(OSError), ExitStack() as locks:
+                    with self._lock_names():
+                        locks.enter_context(_lock(remains.local, exclusive=True))
+                    remains.delete()
 
     @contextmanager
     def _build_folder(self, final: Folder) -> Iterator[Folder]:
-        """Give the folder to build a dataset in; what is left there by an error is deleted."""
+        """Give the folder to build a dataset in, and delete it after an error."""
         built = final if final.local is None else self._hidden_folder()
-        with ExitStack() as held:
+        with ExitStack() as locks:
             if built.local is None:
                 built.delete()
             else:
                 self.folder.make()
-                with self._exclusive():
+                with self._lock_names():
                     built.make()
-                    held.enter_context(_lock(built.local, alone=False))
+                    locks.enter_context(_lock(built.local, exclusive=False))
             try:
                 yield built
             except BaseException:
@@ -135,39 +211,40 @@ class Store:
                 raise
 
     def _publish(self, built: Folder, final: Folder) -> None:
-        """Give a whole dataset its name; what an unlocked writer left of a deleted one goes."""
+        """Rename a whole dataset; what a writer without a lock left of a deleted one is removed."""
         name = final.uri.rsplit("/", 1)[-1]
-        with self._exclusive():
+        with self._lock_names():
             removed = self._hidden_folder()
             remains = final.exists() and set(final.names()) <= _PARTS
             if remains and not final.rename(removed):
                 raise self._name_taken(name)
             if not built.rename(final):
                 raise self._name_taken(name)
-        with suppress(OSError):  # a sweep elsewhere may be at it
+        with suppress(OSError):  # another process's sweep may delete it at the same time
             removed.delete()
 
     @contextmanager
-    def _lock_dataset(self, name: str, *, alone: bool) -> Iterator[None]:
+    def _lock_dataset(self, name: str, *, exclusive: bool) -> Iterator[None]:
+        """Lock a dataset's folder, to delete it (exclusive) or to write to it."""
         if name not in self:
             raise self._no_such_dataset(name)
-        with ExitStack() as held:
+        with ExitStack() as locks:
             folder = (self.folder / name).local
             try:
                 if folder is not None:
-                    held.enter_context(_lock(folder, alone=alone))
+                    locks.enter_context(_lock(folder, exclusive=exclusive))
             except BlockingIOError:
-                found = "somebody writing to it" if alone else "it being deleted"
-                raise ConflictError(f"dataset {name!r}: expected it free, found {found}") from None
+                use = "written to" if exclusive else "deleted"
+                raise ConflictError(f"dataset {name!r} is being {use}; try again later") from None
             except FileNotFoundError:
                 raise self._no_such_dataset(name) from None
             yield
 
     @contextmanager
-    def _exclusive(self) -> Iterator[None]:
-        """Hold the lock under which names are given and hidden folders are taken."""
+    def _lock_names(self) -> Iterator[None]:
+        """Hold the lock under which datasets get names and hidden folders are made and removed."""
         assert self.folder.local is not None
-        with _lock(self.folder.local, alone=True, wait=True):
+        with _lock(self.folder.local, exclusive=True, wait=True):
             yield
 
     def _hidden_folder(self) -> Folder:
@@ -186,10 +263,11 @@ class Store:
 
 
 @contextmanager
-def _lock(folder: Path, *, alone: bool, wait: bool = False) -> Iterator[None]:
-    """Hold a folder, alone or with others, until the process ends or the folder is let go.
+def _lock(folder: Path, *, exclusive: bool, wait: bool = False) -> Iterator[None]:
+    """Lock a folder, exclusively or shared, until the block or the process ends.
 
-    Raises BlockingIOError where it is held, FileNotFoundError where it is another by now.
+    Raises BlockingIOError where another process has it, FileNotFoundError where the folder was
+    replaced meanwhile.
     """
     try:
         import fcntl
@@ -198,7 +276,7 @@ def _lock(folder: Path, *, alone: bool, wait: bool = False) -> Iterator[None]:
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        kind = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
+        kind = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
         fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
         if not os.path.samestat(os.fstat(handle), folder.stat()):
             raise FileNotFoundError(folder)

@@ -26,9 +26,9 @@ def summarize(dataset: Dataset, runs: Iterable[str] | None = None) -> DatasetSum
 
     Parameters
     ----------
-    dataset:
+    dataset
         The opened version.
-    runs:
+    runs
         The names of its runs, if they are known; read without.
 
     Examples

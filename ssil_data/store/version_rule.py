@@ -17,20 +17,21 @@ def check_version(run: Run, *, dataset: str, version: str) -> Run:
 
     Parameters
     ----------
-    run:
+    run
         The record.
-    dataset:
+    dataset
         What the message calls the dataset.
-    version:
+    version
         The fingerprint that the run must have been made from.
 
     Returns
     -------
-    The run.
+    Run
+        The run.
 
     Raises
     ------
-    ConflictError:
+    ConflictError
         If the run was made from another version.
     """
     if run.dataset_version != version:
@@ -46,9 +47,9 @@ def select_version(runs: Iterable[Run], version: str) -> list[Run]:
 
     Parameters
     ----------
-    runs:
+    runs
         Records of any versions.
-    version:
+    version
         The fingerprint.
     """
     return [run for run in runs if run.dataset_version == version]

@@ -29,20 +29,21 @@ def learn(
 
     Parameters
     ----------
-    inputs:
+    inputs
         Standardized rows (n, d).
-    latent, hidden:
+    latent, hidden
         Widths of the latent space and of the hidden layers.
-    beta:
+    beta
         Weight of the KL term.
-    steps, batch, rate:
+    steps, batch, rate
         Of Adam, see `descend`.
-    seed:
+    seed
         Sets the first weights, the batches and z.
 
     Returns
     -------
-    The encoder (d → 2·latent: means, log variances) and the decoder (latent → d).
+    tuple of Perceptron
+        The encoder (d → 2·latent: means, log variances) and the decoder (latent → d).
     """
     width = inputs.shape[1]
 

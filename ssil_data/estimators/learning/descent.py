@@ -23,7 +23,7 @@ def reproducible(seed: int) -> Iterator[None]:
 
     Parameters
     ----------
-    seed:
+    seed
         Of torch's generator; the generator is restored on leaving.
     """
     with _ONE_AT_A_TIME, torch.random.fork_rng(devices=[]):
@@ -41,7 +41,7 @@ def network(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
 
     Parameters
     ----------
-    inputs, hidden, outputs:
+    inputs, hidden, outputs
         Widths of its layers.
     """
     return nn.Sequential(nn.Linear(inputs, hidden), nn.Tanh(), nn.Linear(hidden, outputs))
@@ -52,7 +52,7 @@ def perceptron(learned: nn.Sequential) -> Perceptron:
 
     Parameters
     ----------
-    learned:
+    learned
         What `network` built.
     """
     inner, inner_bias, outer, outer_bias = (
@@ -74,17 +74,17 @@ def descend(
 
     Parameters
     ----------
-    loss:
+    loss
         Maps some rows of each array of `data` to their mean loss.
-    data:
+    data
         Arrays of n rows.
-    networks:
+    networks
         Those whose weights are changed.
-    steps:
+    steps
         Steps of Adam.
-    batch:
+    batch
         Rows that each step draws, with replacement.
-    rate:
+    rate
         Learning rate of the first step.
     """
     parameters = [parameter for network in networks for parameter in network.parameters()]

@@ -42,16 +42,17 @@ def learn(
 
     Parameters
     ----------
-    states, actions:
+    states, actions
         Standardized pairs, (n, d) and (n, k).
-    steps:
+    steps
         Steps of L-BFGS.
-    noise_floor:
+    noise_floor
         Least noise variance.
 
     Returns
     -------
-    One kernel for each of the k action dimensions.
+    list of Kernel
+        One kernel for each of the k action dimensions.
     """
     x = torch.from_numpy(states).double()
     y = torch.from_numpy(actions).double().T.contiguous()

@@ -28,22 +28,23 @@ def learn(
 
     Parameters
     ----------
-    states, actions:
+    states, actions
         Standardized pairs, (n, d) and (n, k).
-    components:
+    components
         Normal distributions in the mixture, K.
-    hidden:
+    hidden
         Width of the hidden layer.
-    floor:
+    floor
         Least variance of a component, added to exp(log variance).
-    steps, batch, rate:
+    steps, batch, rate
         Of Adam, see `descend`.
-    seed:
+    seed
         Sets the first weights and the batches.
 
     Returns
     -------
-    The network: state (d) → logits (K), means (K·k), log variances (K·k).
+    Perceptron
+        The network: state (d) → logits (K), means (K·k), log variances (K·k).
     """
     width = actions.shape[1]
     count = components

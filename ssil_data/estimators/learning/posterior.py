@@ -32,18 +32,19 @@ def condition(
 
     Parameters
     ----------
-    kernel:
+    kernel
         The prior covariance and the noise.
-    inducing:
+    inducing
         Standardized states Z (m, d) to express the posterior in.
-    x:
+    x
         Standardized labeled states X (n, d).
-    y:
+    y
         One standardized action dimension of them (n,).
 
     Returns
     -------
-    The posterior.
+    Process
+        The posterior.
     """
     signal = float(kernel.signal)
     noise = float(kernel.noise)

@@ -165,5 +165,5 @@ def test_commands_that_write_are_refused_a_dataset_that_is_being_deleted(
     with store._lock_dataset("drives", alone=True), pytest.raises(SystemExit) as status:
         main([*words, *named, "--store", str(place(store))])
     assert status.value.code == 2
-    assert "expected it free, found it being deleted" in " ".join(capsys.readouterr().err.split())
+    assert "is being deleted; try again later" in " ".join(capsys.readouterr().err.split())
     assert list(store["drives"].runs) == []

@@ -103,7 +103,7 @@ def test_a_dataset_is_not_deleted_while_it_is_appended_to(
     append = Dataset.append
 
     def slow(self: Dataset, episodes: Iterable[sd.Episode]) -> Dataset:
-        with pytest.raises(sd.ConflictError, match="writing to it"):
+        with pytest.raises(sd.ConflictError, match="is being written to; try again later"):
             local.delete("drives")
         return append(self, episodes)
 
