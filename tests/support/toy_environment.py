@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
-from ssil_trainers.algorithms.methods import Demonstrations
+from ssil_trainers.algorithms.demonstrations import Demonstrations
 
 STEPS = 20
 

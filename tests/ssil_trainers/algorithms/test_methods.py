@@ -11,7 +11,8 @@ import pytest
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
-from ssil_trainers.algorithms.methods import METHODS, Demonstrations, MethodName
+from ssil_trainers.algorithms.demonstrations import Demonstrations
+from ssil_trainers.algorithms.methods import METHODS, MethodName
 from ssil_trainers.algorithms.policy import ActionBox
 from support.toy_environment import demonstrations
 

@@ -22,6 +22,7 @@ from ssil_trainers.algorithms.behavior_cloning import clone
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
 from ssil_trainers.algorithms.expert_sampler import ExpertSampler
+from ssil_trainers.algorithms.learner_state import collect_arrays, restore_arrays
 from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork, TwoCritics
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rewards import Shaping
@@ -284,15 +285,7 @@ class Learner:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, and the optimizers' moments, by dotted names."""
-        found: dict[str, NDArray[Any]] = {}
-        for name, network in self._networks.items():
-            for key, value in network.state_dict().items():
-                found[f"{name}.{key}"] = value.numpy().copy()
-        for name, optimizer in self._optimizers.items():
-            for number, moments in optimizer.state_dict()["state"].items():
-                for key, value in moments.items():
-                    found[f"{name}.{number}.{key}"] = value.numpy().copy()
-        return found
+        return collect_arrays(self._networks, self._optimizers)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], *, done: int, eta: float) -> None:
         """Take over the state of a learner of the same settings.
@@ -306,17 +299,7 @@ class Learner:
         eta:
             Its η.
         """
-        tensors = {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
-        for name, network in self._networks.items():
-            network.load_state_dict({key: tensors[f"{name}.{key}"] for key in network.state_dict()})
-        for name, optimizer in self._optimizers.items():
-            state: dict[int, dict[str, Tensor]] = {}
-            for path, tensor in tensors.items():
-                if path.startswith(f"{name}."):
-                    _, number, key = path.split(".")
-                    state.setdefault(int(number), {})[key] = tensor
-            groups = optimizer.state_dict()["param_groups"]
-            optimizer.load_state_dict({"state": state, "param_groups": groups})
+        restore_arrays(arrays, self._networks, self._optimizers)
         self.done = done
         self.eta = eta
 

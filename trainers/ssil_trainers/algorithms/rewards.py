@@ -7,7 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.field import auto_alpha
 from ssil_data.surface import FieldLike
+from ssil_trainers.algorithms.demonstrations import Demonstrations
 
 Shaping = Callable[[NDArray[np.float32]], NDArray[np.floating]]
 """Maps states (n, d) in raw units to rewards (n,); higher is better."""
@@ -78,3 +80,109 @@ def constraint_reward(field: FieldLike) -> Shaping:
     True
     """
     return lambda states: field.cor(states)
+
+
+def no_shaping(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add nothing to the discriminator's reward (GAIL).
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs; unused.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> no_shaping(demonstrations, 0)(states)
+    array([0., 0., 0.])
+    """
+    return zero_reward
+
+
+def shape_by_cor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add CoR, with the unlabeled states as the negative ones (MixGAIL).
+
+    Without a run, the sharpness of the kernel is fitted to the demonstrations here.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage field of a run.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
+    >>> reward = shape_by_cor(demonstrations, 0)(states)
+    >>> bool(reward[0] > reward[2])  # the first state is the labeled one
+    True
+    """
+    field = demonstrations.field
+    if field is None:
+        alpha = auto_alpha(demonstrations.standardizer(demonstrations.states))
+        field = demonstrations.make_field(demonstrations.labeled.astype(np.float32), alpha)
+    return constraint_reward(field)
+
+
+def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add LCoR (SSIL).
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage field of a run.
+    seed:
+        Seed of the run; unused.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
+    >>> reward = shape_by_lcor(demonstrations, 0)(states)
+    >>> bool(reward[0] > reward[1] > reward[2])
+    True
+    """
+    return leverage_constraint_reward(demonstrations.required_field)
+
+
+def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+    """Add LCoR of the same leverage values, each given to another pair at random: a control.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with the leverage and the field of a run.
+    seed:
+        Seed of the shuffling.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
+    >>> field = demonstrations.make_field(leverage, alpha=1.0)
+    >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
+    >>> reward = shape_by_shuffled_lcor(demonstrations, 0)(states)
+    >>> bool((reward >= 0).all() and (reward <= 1).all())
+    True
+    """
+    alpha = demonstrations.required_field.alpha
+    random = np.random.default_rng([seed, 4])
+    shuffled = random.permutation(demonstrations.required_leverage)
+    return leverage_constraint_reward(demonstrations.make_field(shuffled, alpha))

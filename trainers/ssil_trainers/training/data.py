@@ -10,7 +10,7 @@ import numpy as np
 
 from ssil_data.store.dataset import Dataset
 from ssil_data.surface import DatasetLike
-from ssil_trainers.algorithms.methods import Demonstrations
+from ssil_trainers.algorithms.demonstrations import Demonstrations
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,9 @@ from gymnasium.vector import VectorEnv
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_trainers.algorithms import checkpoint
 from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.demonstrations import Demonstrations
 from ssil_trainers.algorithms.learner import Iteration, Learner
-from ssil_trainers.algorithms.methods import METHODS, Demonstrations
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rollout import RolloutCollector, measure_returns
 from ssil_trainers.algorithms.torch_threads import single_thread
@@ -101,7 +102,7 @@ def train(
     Examples
     --------
     >>> import gymnasium
-    >>> from ssil_trainers.algorithms.methods import Demonstrations
+    >>> from ssil_trainers.algorithms.demonstrations import Demonstrations
     >>> rng = np.random.default_rng(0)
     >>> states = rng.normal(size=(40, 3)).astype(np.float32)
     >>> actions = rng.uniform(-2, 2, (40, 1)).astype(np.float32)

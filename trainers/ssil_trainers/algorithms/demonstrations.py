@@ -1,0 +1,98 @@
+"""The demonstrations that a method learns from, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_data.features import Standardizer
+from ssil_data.field import LeverageField
+from ssil_data.surface import FieldLike
+
+_MISSING_RUN = "method: needs the leverage of a scoring run; name one"
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """The pairs to learn from, which of them are labeled, and the leverage of a scoring run.
+
+    Parameters
+    ----------
+    states:
+        States, (n, d), in raw units.
+    actions:
+        Actions, (n, k), in raw units.
+    labeled:
+        Which pairs are labeled as expert demonstrations, (n,); at least one.
+    leverage:
+        Leverage of each pair by a scoring run, (n,), 1 for expert-like; None without a run.
+    field:
+        The leverage field of that run; None without a run.
+    threads:
+        Threads of a field that is made from these demonstrations; None for all processors.
+
+    Raises
+    ------
+    InvalidInputError
+        For unequal lengths, or without a labeled pair.
+
+    Examples
+    --------
+    >>> states = np.arange(4, dtype=np.float32)[:, None]
+    >>> demonstrations = Demonstrations(states, -states, np.array([True, True, False, False]))
+    >>> demonstrations.standardizer.shift
+    array([1.5], dtype=float32)
+    """
+
+    states: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    labeled: NDArray[np.bool_]
+    leverage: NDArray[np.float32] | None = None
+    field: FieldLike | None = None
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse unequal lengths, and demonstrations without a labeled pair."""
+        lengths = (len(self.states), len(self.actions), len(self.labeled))
+        if len(set(lengths)) > 1:
+            raise InvalidInputError(
+                f"demonstrations: states, actions and labels differ in length: {lengths}"
+            )
+        if not self.labeled.any():
+            raise InvalidInputError("demonstrations: no pair is labeled; label at least one")
+
+    @property
+    def standardizer(self) -> Standardizer:
+        """The standardization of states by all demonstrations."""
+        return Standardizer.of(self.states)
+
+    @property
+    def required_leverage(self) -> NDArray[np.float32]:
+        """The leverage, (n,); raises InvalidInputError without a run."""
+        if self.leverage is None:
+            raise InvalidInputError(_MISSING_RUN)
+        return self.leverage
+
+    @property
+    def required_field(self) -> FieldLike:
+        """The leverage field; raises InvalidInputError without a run."""
+        if self.field is None:
+            raise InvalidInputError(_MISSING_RUN)
+        return self.field
+
+    def make_field(self, leverage: NDArray[np.float32], alpha: float) -> LeverageField:
+        """Make a leverage field over these states in this process.
+
+        Parameters
+        ----------
+        leverage:
+            Leverage of each pair, (n,).
+        alpha:
+            Sharpness of the kernel, above 0.
+        """
+        return LeverageField(
+            self.states, leverage, self.labeled, self.standardizer, alpha, threads=self.threads
+        )
