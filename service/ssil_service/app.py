@@ -40,7 +40,7 @@ from ssil_service.routes import (
     uploads,
 )
 from ssil_service.routes.parameters import of_invalid_request
-from ssil_service.security.authentication import Keys, may_read, may_write
+from ssil_service.security.authentication import Keys, require_key
 from ssil_service.security.hosts import Hosts
 from ssil_service.settings import Settings
 from ssil_service.workers.decoding import Decoder
@@ -84,7 +84,6 @@ def create_app(settings: Settings, *, hosts: Iterable[str] = ()) -> Middleware:
         docs_url=None,
         redoc_url=None,
     )
-    app.state.keys = keys
     app.openapi = lambda: build_document(app, settings, local_only=not keys)
     _include_routes(app, keys)
     for kind, handler in _handlers(settings).items():
@@ -175,8 +174,10 @@ def _include_routes(app: FastAPI, keys: Keys) -> None:
     read: dict[str, Any] = {}
     write: dict[str, Any] = {"responses": problems(403)}
     if keys:
-        read = {"dependencies": [Depends(may_read)], "responses": problems(401)}
-        write = {"dependencies": [Depends(may_write)], "responses": problems(401, 403)}
+        may_read = Depends(require_key(keys, write=False))
+        may_write = Depends(require_key(keys, write=True))
+        read = {"dependencies": [may_read], "responses": problems(401)}
+        write = {"dependencies": [may_write], "responses": problems(401, 403)}
     # the router tries them in this order: the busiest first
     reading: list[APIRouter] = [
         module.router for module in (queries, health, datasets, runs, jobs, inference)

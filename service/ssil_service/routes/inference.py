@@ -216,9 +216,10 @@ async def infer(
     media_type(request, offered, unnamed=JSON)  # as Triton's own client sends it
     here = context(request)
     found = await find_model(here.catalog, model, version)
-    body, most = await request.body(), here.settings.json_bytes
+    body = await request.body()
+    most_json = here.settings.json_bytes
     query, inputs = await here.convert(
-        len(body), lambda: tensors.read(body, length, most_json=most), JSON
+        len(body), lambda: tensors.read(body, length, most_json=most_json), JSON
     )
     unknown = {output.name for output in query.outputs} - set(_OUTPUTS[found.kind])
     if unknown:

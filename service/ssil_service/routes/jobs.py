@@ -23,7 +23,9 @@ router = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NO_PARAMETERS
 writing = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NO_PARAMETERS])
 
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="A job.")]
-_LOOK, _SIGN_OF_LIFE = 0.1, 100
+_POLL_SECONDS = 0.1
+_POLLS_PER_COMMENT = 100
+"""Every so many polls without a change, a comment tells proxies that the stream is in use."""
 
 
 @router.get("", response_model=Jobs, responses=problems(406))
@@ -111,20 +113,21 @@ async def cancel(request: Request, job: JobId) -> Response:
 
 
 async def _events(here: Context, job: str) -> AsyncIterator[bytes]:
-    """Look at the job ten times a second: enough for a person, nothing for the processor."""
-    told, quiet = b"", 0
+    """Give the job's changes as events until it ends, or the service does."""
+    sent = b""
+    quiet = 0
     while True:
         shown = await asyncio.to_thread(here.jobs.get, job)
         now = to_json(shown)
-        quiet = 0 if now != told else quiet + 1
-        if now != told:
+        quiet = 0 if now != sent else quiet + 1
+        if now != sent:
             yield b"event: job\ndata: " + now + b"\n\n"
-            told = now
-        elif quiet % _SIGN_OF_LIFE == 0:
+            sent = now
+        elif quiet % _POLLS_PER_COMMENT == 0:
             yield b": still here\n\n"
         if shown["state"] in ENDED or here.closing:
             return
-        await asyncio.sleep(_LOOK)
+        await asyncio.sleep(_POLL_SECONDS)
 
 
 def _json(value: Any) -> Response:

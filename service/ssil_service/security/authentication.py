@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -160,49 +161,35 @@ async def _keys_of_request(
     return [*request.headers.getlist("x-api-key"), *bearers]
 
 
-# the three dependencies are asynchronous: FastAPI would run other functions in threads
+# both dependencies are asynchronous: FastAPI would run other functions in threads
 RequestKeys = Annotated[list[str], Security(_keys_of_request)]
 """All keys that a request brings."""
 
 
-async def may_read(request: Request, request_keys: RequestKeys) -> None:
-    """Admit a request with a read or a write key; a dependency of routes that change nothing.
+def require_key(keys: Keys, *, write: bool) -> Callable[[list[str]], Awaitable[None]]:
+    """Make the dependency of routes that need a key.
 
     Parameters
     ----------
-    request
-        Its application has the service's keys, in `app.state.keys`.
-    request_keys
-        The keys that the request brings; none of them may be wrong.
+    keys
+        Those of the service.
+    write
+        Whether the routes change something, for which a read key does not do.
 
-    Raises
-    ------
-    Problem
-        401 without a valid key.
+    Returns
+    -------
+    Callable
+        Admits a request or raises a Problem: 401 without a valid key or with one wrong key beside
+        it, 403 for a read key where a write key is needed.
     """
-    _check(request, request_keys, write=False)
+
+    async def check_keys(request_keys: RequestKeys) -> None:
+        _check(keys, request_keys, write=write)
+
+    return check_keys
 
 
-async def may_write(request: Request, request_keys: RequestKeys) -> None:
-    """Admit a request with a write key; a dependency of routes that change something.
-
-    Parameters
-    ----------
-    request
-        Its application has the service's keys, in `app.state.keys`.
-    request_keys
-        The keys that the request brings; none of them may be wrong.
-
-    Raises
-    ------
-    Problem
-        401 without a valid key, 403 for a read key.
-    """
-    _check(request, request_keys, write=True)
-
-
-def _check(request: Request, request_keys: list[str], *, write: bool) -> None:
-    keys: Keys = request.app.state.keys
+def _check(keys: Keys, request_keys: list[str], *, write: bool) -> None:
     found = [keys.may(key, write=write) for key in request_keys]
     if not found or not all(known for known, _ in found):
         raise Problem(
