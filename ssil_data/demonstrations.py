@@ -171,7 +171,7 @@ class Pairs:
             )
         starts = self.episode[np.flatnonzero(np.r_[True, ~same])] if len(self) else self.episode
         if len(np.unique(starts)) != len(starts):
-            raise InvalidInputError("episode: expected adjacent rows, found an episode twice")
+            raise InvalidInputError("episode: the rows of an episode are not adjacent")
 
     def __len__(self) -> int:
         """Count the pairs."""

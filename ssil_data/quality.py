@@ -129,7 +129,7 @@ def spearman(values: ArrayLike, others: ArrayLike) -> float | None:
     other = np.asarray(others, dtype=np.float64)
     if len(one) < 3 or not np.ptp(one) or not np.ptp(other):
         return None
-    return float(spearmanr(one, other)[0])
+    return float(spearmanr(one, other).statistic)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def partial_spearman(values: ArrayLike, others: ArrayLike, given: ArrayLike) -> float | None:

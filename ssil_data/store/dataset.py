@@ -64,7 +64,7 @@ class Dataset:
     """
 
     def __init__(self, folder: Folder, version: int | None = None) -> None:
-        """Open a version; its values are read when they are asked for."""
+        """Open a version; its values are read on first use."""
         self.folder = folder
         self.name = folder.uri.rsplit("/", 1)[-1]
         self._episodes = VersionedTable(folder / "episodes", version)

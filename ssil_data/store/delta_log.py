@@ -25,7 +25,7 @@ _synced: dict[Path, frozenset[tuple[str, int, int]]] = {}
 
 
 def sync_log(table: Path) -> None:
-    """Put a table's log on the disk: an entry stands on those before it, whoever wrote them.
+    """Put a table's log on the disk: an entry needs those before it, also other processes'.
 
     A process syncs each file once, so that a commit costs the same however long the log is. A file
     that another process wrote meanwhile, or that took another's place, is new to this one.
@@ -105,7 +105,7 @@ def _newest_torn(folder: Path) -> Path | None:
 
 
 def _is_whole(entry: Path) -> bool:
-    """Tell whether all lines of a log entry are JSON and as many as its writer promised."""
+    """Say whether all lines of a log entry are JSON and as many as its writer promised."""
     try:
         actions = [json.loads(line) for line in entry.read_text().splitlines()]
         added = actions[0].get("commitInfo", {}).get(ADDED) if actions else None

@@ -1,4 +1,4 @@
-"""Standardised values and windows."""
+"""Standardized values and windows."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from ssil_data.errors import InvalidInputError
 from ssil_data.features import FARTHEST, Standardizer, windows
 
 
-def test_standardised_values_have_mean_zero_and_deviation_one():
+def test_standardized_values_have_mean_zero_and_deviation_one():
     values = np.random.default_rng(0).normal([3, -7e4], [0.01, 900], (500, 2)).astype(np.float32)
     standard = Standardizer.of(values)(values)
     np.testing.assert_allclose(standard.mean(axis=0), 0, atol=1e-3)
@@ -36,19 +36,19 @@ def test_a_small_dimension_keeps_its_own_scale():
 
 
 def test_values_that_would_overflow_are_clipped():
-    standardiser = Standardizer.of(np.array([[0.0], [1e-20]], np.float32))
+    standardizer = Standardizer.of(np.array([[0.0], [1e-20]], np.float32))
     far = np.array([[3e38], [-3e38]], np.float32)
-    assert standardiser(far).tolist() == [[FARTHEST], [-FARTHEST]]
+    assert standardizer(far).tolist() == [[FARTHEST], [-FARTHEST]]
 
 
-def test_moments_and_values_make_the_same_standardiser():
+def test_moments_and_values_make_the_same_standardizer():
     values = np.random.default_rng(1).normal(size=(50, 3))
     one = Standardizer.of(values)
     two = Standardizer.of_moments(values.mean(axis=0), values.var(axis=0))
     assert (one.shift == two.shift).all() and (one.scale == two.scale).all()
 
 
-def test_standardising_leaves_its_input_untouched():
+def test_standardizing_leaves_its_input_untouched():
     values = np.ones((4, 2), np.float32)
     Standardizer.of(values)(values)
     assert (values == 1).all()
@@ -106,5 +106,5 @@ def test_windows_of_another_number_of_episodes_are_refused():
 
 
 @given(arrays(np.float32, (7, 2), elements=st.floats(-(2.0**99), 2.0**99, width=32)))
-def test_standardised_values_are_finite_whatever_the_values(values: np.ndarray):
+def test_standardized_values_are_finite_whatever_the_values(values: np.ndarray):
     assert np.isfinite(Standardizer.of(values)(values)).all()

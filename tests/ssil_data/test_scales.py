@@ -33,28 +33,28 @@ def fitted(kind: str, pool: np.ndarray) -> FittedScale:
 
 
 @every_scale
-@given(pool=pools, asked=pools)
-def test_leverage_lies_between_zero_and_one(kind: str, pool: np.ndarray, asked: np.ndarray):
-    leverage = fitted(kind, pool)(asked)
-    assert leverage.dtype == np.float32 and leverage.shape == asked.shape
+@given(pool=pools, queries=pools)
+def test_leverage_lies_between_zero_and_one(kind: str, pool: np.ndarray, queries: np.ndarray):
+    leverage = fitted(kind, pool)(queries)
+    assert leverage.dtype == np.float32 and leverage.shape == queries.shape
     assert (leverage >= 0).all() and (leverage <= 1).all()
 
 
 @every_scale
-@given(pool=pools, asked=pools)
+@given(pool=pools, queries=pools)
 def test_larger_uncertainty_never_gets_larger_leverage(
-    kind: str, pool: np.ndarray, asked: np.ndarray
+    kind: str, pool: np.ndarray, queries: np.ndarray
 ):
-    assert (np.diff(fitted(kind, pool)(np.sort(asked))) <= 0).all()
+    assert (np.diff(fitted(kind, pool)(np.sort(queries))) <= 0).all()
 
 
 @every_scale
-@given(pool=pools, asked=pools)
-def test_a_fitted_scale_survives_json(kind: str, pool: np.ndarray, asked: np.ndarray):
+@given(pool=pools, queries=pools)
+def test_a_fitted_scale_survives_json(kind: str, pool: np.ndarray, queries: np.ndarray):
     scale = fitted(kind, pool)
     again = from_json(json.loads(json.dumps(to_json(scale))))
     assert again == scale
-    np.testing.assert_array_equal(again(asked), scale(asked))
+    np.testing.assert_array_equal(again(queries), scale(queries))
 
 
 @pytest.mark.parametrize("scale", [MinMax(), Quantile(0.1, 0.8), Conformal(0.3)])

@@ -45,7 +45,7 @@ def other_expert() -> Pairs:
 
 @pytest.fixture(scope="session")
 def random() -> Pairs:
-    """Pairs of somebody whose actions are mostly noise."""
+    """Pairs of a driver whose actions are mostly noise."""
     return steered(2, noise=3.0)
 
 

@@ -46,13 +46,16 @@ def test_with_inducing_points_the_posterior_is_that_of_a_least_squares_problem(
 ):
     """w = argmin ‖y − kernel(X, Z) w‖² / noise + wᵀ kernel(Z, Z) w, by QR in float64."""
     mean, variance = sparse.posterior(random.states)
-    x, asked, z = sparse.states(expert.states), sparse.states(random.states), sparse.inducing
+    x = sparse.states(expert.states)
+    queries = sparse.states(random.states)
+    z = sparse.inducing
     for action in range(2):
         kernel = sparse.processes[action].kernel
         signal, noise = float(kernel.signal), float(kernel.noise)
         rbf = RBF(kernel.lengthscale.astype(float))
         prior = cholesky(signal * (np.asarray(rbf(z)) + JITTER * np.eye(len(z))), lower=True)
-        cross, k = signal * np.asarray(rbf(x, z)), signal * np.asarray(rbf(asked, z))
+        cross = signal * np.asarray(rbf(x, z))
+        k = signal * np.asarray(rbf(queries, z))
         both = qr(np.vstack([cross / np.sqrt(noise), prior.T]), mode="r")[0][: len(z)]
         known = solve_triangular(both, k.T, trans="T")
         pull = cross.T @ sparse.actions(expert.actions)[:, action] / noise

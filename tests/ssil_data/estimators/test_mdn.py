@@ -50,12 +50,12 @@ def test_surprisal_is_the_negative_logarithm_of_the_density(mixture: Mixture):
         assert mixture.surprisal(actions)[row] == pytest.approx(-np.log(density), rel=1e-5)
 
 
-def test_total_is_the_sum_of_the_parts_unless_surprisal_is_asked(expert: Pairs):
+def test_total_is_the_sum_of_the_parts_unless_surprisal_is_chosen(expert: Pairs):
     plain = MDN().fit(expert, seed=0).uncertainty(expert)
     np.testing.assert_allclose(plain.total, sum(plain.parts.values()), rtol=1e-6)
-    asked = MDN(surprisal=True).fit(expert, seed=0).uncertainty(expert)
-    np.testing.assert_array_equal(asked.parts["epistemic"], plain.parts["epistemic"])
-    assert asked.total.min() < 0
+    judged = MDN(surprisal=True).fit(expert, seed=0).uncertainty(expert)
+    np.testing.assert_array_equal(judged.parts["epistemic"], plain.parts["epistemic"])
+    assert judged.total.min() < 0
 
 
 def test_two_habits_of_the_expert_become_two_components():
@@ -75,6 +75,6 @@ def test_two_habits_of_the_expert_become_two_components():
 
 def test_surprisal_judges_the_action_and_the_variances_do_not(expert: Pairs):
     swapped = Pairs(expert.states, -expert.actions, expert.episode, expert.step)
-    plain, asked = (MDN(surprisal=on).fit(expert, seed=0) for on in (False, True))
+    plain, judging = (MDN(surprisal=on).fit(expert, seed=0) for on in (False, True))
     np.testing.assert_array_equal(plain.uncertainty(swapped).total, plain.uncertainty(expert).total)
-    assert asked.uncertainty(swapped).total.mean() > asked.uncertainty(expert).total.mean() + 1
+    assert judging.uncertainty(swapped).total.mean() > judging.uncertainty(expert).total.mean() + 1

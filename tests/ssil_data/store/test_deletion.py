@@ -31,14 +31,14 @@ def test_a_deleted_dataset_is_gone_and_its_name_is_free(store: Store, dataset: D
 
 
 @pytest.mark.parametrize(("name", "error"), [("nope", NotFoundError), ("../x", InvalidInputError)])
-def test_what_is_no_dataset_is_not_deleted(name: str, error: type[Exception], store: Store):
+def test_only_a_dataset_is_deleted(name: str, error: type[Exception], store: Store):
     (place(store).parent / "x").mkdir()
     with pytest.raises(error):
         store.delete(name)
     assert (place(store).parent / "x").is_dir()
 
 
-def test_a_dataset_is_not_deleted_while_somebody_writes(store: Store, dataset: Dataset):
+def test_a_dataset_is_not_deleted_while_it_is_open_for_writing(store: Store, dataset: Dataset):
     with store.open_for_writing("drives") as first, store.open_for_writing("drives"):
         with pytest.raises(ConflictError, match="drives"):
             store.delete("drives")
@@ -72,7 +72,7 @@ def test_a_writer_in_another_process_counts_until_it_ends(store: Store, dataset:
         raise AssertionError("opened")
 
 
-def test_of_many_who_delete_at_once_one_does(store: Store, dataset: Dataset):
+def test_of_several_deletes_at_once_one_succeeds(store: Store, dataset: Dataset):
     outcomes: list[str] = []
     barrier = threading.Barrier(8)
 
@@ -94,9 +94,7 @@ def test_of_many_who_delete_at_once_one_does(store: Store, dataset: Dataset):
     assert list(place(store).iterdir()) == []
 
 
-def test_what_a_writer_left_of_a_deleted_dataset_does_not_hold_its_name(
-    store: Store, dataset: Dataset
-):
+def test_remains_of_a_deleted_dataset_do_not_block_its_name(store: Store, dataset: Dataset):
     """An append without the store's lock makes the folder of its files anew."""
     store.delete("drives")
     (dataset.folder / "pairs").write("part-1.parquet", b"late")
@@ -116,7 +114,7 @@ def test_a_folder_that_is_no_dataset_is_left_alone(store: Store):
     assert (store.folder / "notes").read("mine.txt") == b"kept"
 
 
-def test_what_a_killed_delete_left_is_swept(
+def test_remains_of_a_killed_delete_are_swept(
     store: Store, dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ):
     def killed(folder: Folder) -> None:
@@ -132,7 +130,7 @@ def test_what_a_killed_delete_left_is_swept(
     assert list(place(store).iterdir()) == []
 
 
-def test_what_is_being_built_or_is_not_the_stores_is_not_swept(store: Store, dataset: Dataset):
+def test_folders_being_built_and_folders_of_others_are_not_swept(store: Store, dataset: Dataset):
     for kept in (".service/jobs", ".unfinished", ".backup.20261122"):
         (place(store) / kept).mkdir(parents=True)
 
@@ -162,7 +160,7 @@ def test_commands_that_write_are_refused_a_dataset_that_is_being_deleted(
     np.savez(tmp_path / "more.npz", allow_pickle=False, **arrays)
     monkeypatch.chdir(tmp_path)
     named = ["--name", "drives"] if words[0] == "import" else []
-    with store._lock_dataset("drives", alone=True), pytest.raises(SystemExit) as status:
+    with store._lock_dataset("drives", exclusive=True), pytest.raises(SystemExit) as status:
         main([*words, *named, "--store", str(place(store))])
     assert status.value.code == 2
     assert "is being deleted; try again later" in " ".join(capsys.readouterr().err.split())

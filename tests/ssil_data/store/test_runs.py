@@ -1,4 +1,4 @@
-"""A run is shown whole or not at all, whoever else writes and whenever the writer dies."""
+"""A run is shown whole or not at all, also with several writers and after a kill at any moment."""
 
 import json
 import signal
