@@ -117,6 +117,13 @@ class World(Generic[SettingsT, EnvT]):
         File name of the card's template in this folder.
     card_values:
         What this template needs beside the values that all of them get.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.racetrack import RACETRACK
+    >>> from ssil_trainers.collection.rc_lidar import RC_LIDAR
+    >>> [(world.name, len(world.state_names)) for world in (RACETRACK, RC_LIDAR)]
+    [('racetrack', 29), ('rc-lidar', 20)]
     """
 
     name: str

@@ -30,6 +30,21 @@ class DriverTrainer:
         PPO's seeds are derived from it.
     progress:
         Called with what is done, how much of it, and how much there is.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.driver_training import DriverTrainer
+    >>> from ssil_trainers.collection.ppo import PPOSettings
+    >>> from ssil_trainers.collection.recording import EvaluationCourse
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> course = EvaluationCourse(RCLidarEnv("hall"))
+    >>> trainer = DriverTrainer(lambda: RCLidarEnv("hall"), course, 0, lambda what, done, of: None)
+    >>> settings = PPOSettings(64, learning_rate=3e-4, environments=2, rollout=32, batch=32)
+    >>> checkpoints, scores = trainer.train_under_trained(
+    ...     settings, runs=1, measure=2, expert_return=400.0
+    ... )
+    >>> [str(one) for one in checkpoints], scores[0].shape
+    (['ppo run 1 checkpoint 0 steps', 'ppo run 1 checkpoint 64 steps'], (2,))
     """
 
     make_env: MakeEnv

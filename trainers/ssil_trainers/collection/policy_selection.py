@@ -92,6 +92,24 @@ def episodes_within(
     ------
     NotFoundError
         When more than `patience` steps were driven since the last such episode.
+
+    Examples
+    --------
+    A driver that never steers survives less than half a lap:
+
+    >>> from ssil_trainers.collection.policy_selection import episodes_within
+    >>> from ssil_trainers.collection.ppo import Checkpoint
+    >>> from ssil_trainers.collection.quality_tiers import Band
+    >>> from ssil_trainers.collection.recording import EvaluationCourse
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> layer = (np.zeros((1, 20), dtype=np.float32), np.zeros(1, dtype=np.float32))
+    >>> drivers = [Checkpoint("straight on", 0, (layer,))]
+    >>> found = episodes_within(
+    ...     Band("0-50", 0.0, 0.5), drivers, EvaluationCourse(RCLidarEnv("hall")),
+    ...     expert_return=400.0, patience=1_000,
+    ... )
+    >>> next(found).ending
+    'terminated'
     """
     steps = [0] * len(drivers)
     since = 0

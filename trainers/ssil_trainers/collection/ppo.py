@@ -36,6 +36,12 @@ class PPOSettings:
         Steps of each environment between updates.
     batch, epochs:
         Pairs of a gradient step, and how often an update goes through a rollout.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.ppo import PPOSettings
+    >>> PPOSettings(8_192, learning_rate=3e-4).environments
+    8
     """
 
     steps: int

@@ -38,6 +38,14 @@ class RecordedEpisode:
         "terminated" or "truncated".
     driver:
         Name of the policy.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.recording import RecordedEpisode
+    >>> numbers = np.ones((5, 2), dtype=np.float32)
+    >>> episode = RecordedEpisode(numbers, numbers, numbers[:, 0], numbers, "truncated", "me")
+    >>> len(episode), episode.total_reward
+    (5, 5.0)
     """
 
     states: NDArray[np.float32]
@@ -75,6 +83,15 @@ class Selection:
         Whether the pairs are labeled as expert's.
     first:
         First pair that is kept.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.recording import RecordedEpisode, Selection
+    >>> numbers = np.ones((5, 2), dtype=np.float32)
+    >>> recorded = RecordedEpisode(numbers, numbers, numbers[:, 0], numbers, "truncated", "me")
+    >>> episode = Selection(recorded, pairs=3, score=1.0, tier="expert").to_episode()
+    >>> len(episode), episode.ending
+    (3, 'cut')
     """
 
     recorded: RecordedEpisode
@@ -168,6 +185,15 @@ class EvaluationCourse:
         Seed of the first episode; every episode has the next one.
     action_noise:
         As for `record`.
+
+    Examples
+    --------
+    >>> from ssil_trainers.collection.pure_pursuit import PurePursuit
+    >>> from ssil_trainers.collection.recording import EvaluationCourse
+    >>> from ssil_trainers.envs.rc_lidar.env import RCLidarEnv
+    >>> env = RCLidarEnv("hall", episode_steps=50)
+    >>> EvaluationCourse(env).measure_returns(PurePursuit(env, ahead=1.4), 3)
+    array([50., 50., 50.])
     """
 
     def __init__(

@@ -86,6 +86,14 @@ def to_png(chart: alt.ConcatChart, *, scale: float = 1.5) -> bytes:
         The chart.
     scale:
         Pixels to one of the chart's.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.rendering import draw_drives, to_png
+    >>> drive = (np.array([[50.0, 0.0], [60.0, 2.5]]), np.array([0.2, 1.0]))
+    >>> to_png(draw_drives(RacetrackEnv("oval").road, {"a drive": drive}))[1:4]
+    b'PNG'
     """
     return vl_convert.vegalite_to_png(chart.to_json(), scale=scale)
 

@@ -39,6 +39,15 @@ class Road:
         The lanes in driving order.
     edges:
         The left and the right edge.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> road = RacetrackEnv().road
+    >>> len(road.number), road.curvature_ahead(lane=0, longitudinal=0.0, distance=59.0)
+    (18, -0.05)
+    >>> road.ray_distances(70.0, 1.0, np.array([-np.pi / 2, np.pi / 2]), reach=60.0)
+    array([3.5, 6.5])
     """
 
     number: dict[LaneIndex, int]

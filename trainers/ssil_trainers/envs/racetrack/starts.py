@@ -101,6 +101,13 @@ def check_start(value: object, road: Road) -> Start:
     ------
     InvalidInputError
         If it is no `Start`, or not on the road.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.starts import Start, check_start
+    >>> check_start(Start(0, 20.0, 10.0), RacetrackEnv("oval").road)
+    Start(lane=0, longitudinal=20.0, speed=10.0)
     """
     if not isinstance(value, Start):
         raise InvalidInputError(f"start: expected a Start, found {value!r}")
@@ -123,6 +130,14 @@ def check_starts(values: object, road: Road, which: NDArray[np.bool_]) -> list[S
     ------
     InvalidInputError
         For another number of starts, or one of these cars' that is no start on the road.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.starts import Start, check_starts
+    >>> starts = [Start(0, 20.0, 10.0), Start(1, 5.0, 8.0)]
+    >>> check_starts(starts, RacetrackEnv("oval").road, np.array([False, True]))
+    [Start(lane=1, longitudinal=5.0, speed=8.0)]
     """
     if not isinstance(values, list | tuple) or len(values) != len(which):
         found = len(values) if isinstance(values, list | tuple) else repr(values)

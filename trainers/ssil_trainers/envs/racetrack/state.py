@@ -101,6 +101,15 @@ def offset(road: Road, car: Car) -> float:
         The road.
     car:
         The car on it.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.state import Car, offset
+    >>> road = RacetrackEnv().road
+    >>> car = Car(70, 0, 0, 10, lane=0, longitudinal=28, lateral=0.5, heading_error=0)
+    >>> offset(road, car)
+    -2.0
     """
     return car.lateral + float(road.lanes.axis_offset[car.lane])
 
@@ -128,6 +137,15 @@ def observe(
     -------
     ndarray of float64
         The state (29,).
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.state import Car, observe
+    >>> road = RacetrackEnv().road
+    >>> car = Car(70, 0, 0, 10, lane=0, longitudinal=28, lateral=0.5, heading_error=0)
+    >>> observe(road, car)[20].item()  # the offset in units of 5 m
+    -0.4
     """
     forward = car.speed * np.cos(car.slip)
     sideways = car.speed * np.sin(car.slip)
@@ -159,6 +177,15 @@ def leaves_road(road: Road, car: Car) -> bool:
         The road.
     car:
         The car on it.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.state import Car, leaves_road
+    >>> road = RacetrackEnv().road
+    >>> car = Car(70, 0, 0, 10, lane=0, longitudinal=28, lateral=-3, heading_error=0)
+    >>> leaves_road(road, car)  # 5.5 m left of the center line
+    True
     """
     return bool(abs(offset(road, car)) > road.lanes.half_width[car.lane])
 
@@ -181,6 +208,15 @@ def underlying_reward(road: Road, car: Car) -> float:
     Source
     ------
     Lee et al., the SSIL paper, for TORCS.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.racetrack.env import RacetrackEnv
+    >>> from ssil_trainers.envs.racetrack.state import Car, underlying_reward
+    >>> road = RacetrackEnv().road
+    >>> car = Car(70, 0, 0, 10, lane=0, longitudinal=28, lateral=0.5, heading_error=0)
+    >>> underlying_reward(road, car)
+    10.0
     """
     v_x = car.speed * np.cos(car.slip)
     v_y = car.speed * np.sin(car.slip)

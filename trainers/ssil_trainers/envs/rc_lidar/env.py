@@ -171,7 +171,14 @@ _ONE = np.ones(1, dtype=np.bool_)
 
 
 def make_spaces() -> tuple[Space[Any], Space[Any]]:
-    """Return the observation space and the action space of one car."""
+    """Return the observation space and the action space of one car.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.env import make_spaces
+    >>> [space.shape for space in make_spaces()]
+    [(20,), (1,)]
+    """
     high = np.ones(len(STATE_NAMES), dtype=np.float32)
     return (
         Box(_STATE_LOW, high, dtype=np.float32),
@@ -195,6 +202,14 @@ def make_fleet(
     ------
     NotFoundError, InvalidInputError
         As `RCLidarEnv`.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.car import RCCar
+    >>> from ssil_trainers.envs.rc_lidar.env import make_fleet
+    >>> fleet, episode_steps = make_fleet(RCCar(), "hall", None, 3)
+    >>> len(fleet), episode_steps
+    (3, 400)
     """
     if not isinstance(car, RCCar):
         raise InvalidInputError(f"car: expected an RCCar, found {car!r}")

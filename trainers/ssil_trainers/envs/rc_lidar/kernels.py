@@ -190,6 +190,12 @@ def hash_bits(key: Any, number: Any) -> Any:
     Source
     ------
     Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.kernels import hash_bits
+    >>> hash_bits(np.uint64(1), 0) == hash_bits(np.uint64(1), 1)
+    False
     """
     mixed = key + (np.uint64(number) + np.uint64(1)) * _GOLDEN
     mixed = (mixed ^ (mixed >> _SHIFT[0])) * _MIX[0]
@@ -205,6 +211,12 @@ def draw_uniform(key: Any, number: Any) -> Any:
     ----------
     key, number:
         As for `hash_bits`.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.kernels import draw_uniform
+    >>> 0.0 < draw_uniform(np.uint64(1), 0) < 1.0
+    True
     """
     return (np.float64(hash_bits(key, number) >> _SHIFT[3]) + 0.5) * 2.0**-53
 
@@ -241,6 +253,14 @@ def cast_ray(grid: Any, ray: Any, reach: float) -> float:
     Source
     ------
     Amanatides, Woo: A fast voxel traversal algorithm for ray tracing, 1987.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.kernels import Ray, cast_ray
+    >>> from ssil_trainers.envs.rc_lidar.lidar import Walls
+    >>> wall = Walls.from_segments([[2, -1, 2, 1], [-1, -1, -1, 1]])
+    >>> cast_ray(wall.grid, Ray(0.0, 0.0, 1.0, 0.0), 9.0)
+    2.0
     """
     x, y, cos, sin = ray
     low = grid.low

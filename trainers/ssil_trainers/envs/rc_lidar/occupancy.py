@@ -19,7 +19,7 @@ _CELL = 0.15
 
 
 def load_map(path: Path | str) -> Walls:
-    """Read a map's YAML file and its image; walls outline the occupied pixels.
+    r"""Read a map's YAML file and its image; walls outline the occupied pixels.
 
     A pixel is occupied where its darkness (lightness, if `negate`) exceeds `occupied_thresh`; what
     is merely unknown stops no ray.
@@ -38,6 +38,26 @@ def load_map(path: Path | str) -> Walls:
     ------
     InvalidInputError
         For a file that is no such map, naming the file and the key.
+
+    Examples
+    --------
+    A map of 3 by 3 pixels of 1 m, with one obstacle in the middle:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from PIL import Image
+    >>> from ssil_trainers.envs.rc_lidar.occupancy import load_map
+    >>> pixels = np.full((3, 3), 255, dtype=np.uint8)
+    >>> pixels[1, 1] = 0
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     Image.fromarray(pixels).save(Path(folder, "room.png"))
+    ...     _ = Path(folder, "room.yaml").write_text(
+    ...         "image: room.png\nresolution: 1.0\norigin: [0, 0, 0]\n"
+    ...         "negate: 0\noccupied_thresh: 0.65\n"
+    ...     )
+    ...     walls = load_map(Path(folder, "room.yaml"))
+    >>> walls.segments.min().item(), walls.segments.max().item()
+    (1.25, 1.75)
     """
     path = Path(path)
     keys = _keys(path)

@@ -46,6 +46,14 @@ class Canvas:
         Pixels to a meter.
     color:
         Of the background.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.rendering import BEAM, Canvas
+    >>> canvas = Canvas((40, 20), middle=(0.0, 0.0), scale=10)
+    >>> canvas.dot((0.0, 0.0), 5, BEAM)
+    >>> canvas.image.getpixel((20, 10))
+    (214, 84, 64)
     """
 
     def __init__(
@@ -195,6 +203,16 @@ def render_car(fleet: Fleet, car: int, *, size: tuple[int, int] = (720, 480)) ->
     -------
     ndarray of uint8
         Red, green and blue (height, width, 3).
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.car import Fleet, RCCar
+    >>> from ssil_trainers.envs.rc_lidar.rendering import render_car
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> fleet = Fleet(RCCar(), find_track("hall"), 1)
+    >>> fleet.begin(np.array([True]))
+    >>> render_car(fleet, 0, size=(360, 240)).shape
+    (240, 360, 3)
     """
     x, y, heading = fleet.cars.pose[car]
     world = fleet.world

@@ -239,7 +239,7 @@ class Track:
 
 
 def load_track(path: Path | str) -> Track:
-    """Read a track from a CSV file of F1TENTH's form.
+    r"""Read a track from a CSV file of F1TENTH's form.
 
     Its columns are x_m, y_m, w_tr_right_m, w_tr_left_m; comments begin with `#`.
 
@@ -258,6 +258,18 @@ def load_track(path: Path | str) -> Track:
     InvalidInputError
         For a file that holds no track, naming it and the row, counted from 0 without comments and
         blank lines.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from ssil_trainers.envs.rc_lidar.track import load_track
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "square.csv")
+    ...     _ = file.write_text("0,0,1,1\n9,0,1,1\n9,9,1,1\n0,9,1,1\n")
+    ...     square = load_track(file)
+    >>> square.name, square.length
+    ('square', 36.0)
     """
     path = Path(path)
     try:
@@ -279,6 +291,19 @@ def save_track(track: Track, path: Path | str) -> None:
         The track.
     path:
         The file to write.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from ssil_trainers.envs.rc_lidar.track import load_track, save_track
+    >>> from ssil_trainers.envs.rc_lidar.tracks import find_track
+    >>> hall = find_track("hall")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_track(hall, Path(folder, "copy.csv"))
+    ...     copy = load_track(Path(folder, "copy.csv"))
+    >>> bool((copy.center == hall.center).all())
+    True
     """
     rows = np.column_stack([track.center, track.right, track.left]).tolist()
     lines = ["# x_m, y_m, w_tr_right_m, w_tr_left_m", *(", ".join(map(repr, row)) for row in rows)]

@@ -146,6 +146,12 @@ def generate_track(shape: Shape, name: str | None = None) -> Track:
     ------
     NotFoundError
         If 200 polygons all leave no room for their corners or the width.
+
+    Examples
+    --------
+    >>> from ssil_trainers.envs.rc_lidar.tracks import Shape, generate_track
+    >>> generate_track(Shape(seed=7)).name
+    'seed-7'
     """
     rng = np.random.default_rng([shape.seed, shape.corners])
     for _ in range(_ATTEMPTS):
