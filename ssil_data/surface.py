@@ -419,6 +419,6 @@ class StoreLike(Protocol[D_co]):
         NotFoundError
             If no dataset has the name.
         ConflictError
-            While somebody writes to it.
+            While another process writes to it.
         """
         ...

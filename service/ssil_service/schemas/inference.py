@@ -22,7 +22,7 @@ class Tensor(BaseModel):
 
 
 class RequestedOutput(BaseModel):
-    """An output that is wanted."""
+    """An output that is requested."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -31,7 +31,7 @@ class RequestedOutput(BaseModel):
 
 
 class InferenceRequest(BaseModel):
-    """A question of the Open Inference Protocol, version 2."""
+    """A request of the Open Inference Protocol, version 2."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -42,7 +42,7 @@ class InferenceRequest(BaseModel):
 
 
 class InferenceAnswer(BaseModel):
-    """An answer of the Open Inference Protocol, version 2."""
+    """A response of the Open Inference Protocol, version 2."""
 
     model_name: str
     model_version: str
@@ -52,7 +52,7 @@ class InferenceAnswer(BaseModel):
 
 
 class ServerMetadata(BaseModel):
-    """What the server is."""
+    """The server's name, version and extensions."""
 
     name: str
     version: str
@@ -68,7 +68,7 @@ class TensorMetadata(BaseModel):
 
 
 class ModelMetadata(BaseModel):
-    """What a model takes and gives."""
+    """The inputs and outputs of a model."""
 
     name: str
     versions: list[str]

@@ -17,7 +17,7 @@ _MOST_INTEGER = 2**63 - 1
 
 
 def _whole(value: Any) -> Any:
-    """Take 3.0 for the integer that it is to JSON."""
+    """Convert 3.0 to 3: JSON has one kind of numbers."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
@@ -30,7 +30,7 @@ Row = Annotated[list[Number], Field(min_length=1)]
 
 
 class Body(BaseModel):
-    """A body in which nothing is unknown."""
+    """A body whose unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -51,7 +51,7 @@ class PairsBody(Body):
 
 
 def _settings(kind: str, settings: type) -> type[BaseModel]:
-    """Return the settings of an estimator as a body: the dataclass's own fields and defaults."""
+    """Return a body with the fields and defaults of a settings dataclass, and its `kind`."""
     described: dict[str, Any] = {"kind": (Literal[kind], ...)}
     for field in fields(settings):
         default = field.default
@@ -99,14 +99,14 @@ class FitBody(Body):
 
 
 class FittedRun(Body):
-    """A run whose estimator and scale are to be used as they are."""
+    """A run whose fitted estimator and scale are used again."""
 
     dataset: Name | None = None
     run: Name
 
 
 class RescoreBody(Body):
-    """Give every pair a leverage with what another run fitted."""
+    """Give every pair a leverage with the fitted estimator and scale of another run."""
 
     fitted: FittedRun
     run: Name | None = None

@@ -53,7 +53,7 @@ class RunRecords(BaseModel):
 
 
 class Progress(BaseModel):
-    """How far a job is with one thing it does."""
+    """How far a job is with one of its steps: `done` of `of`."""
 
     what: str
     done: int
@@ -61,7 +61,7 @@ class Progress(BaseModel):
 
 
 class JobError(BaseModel):
-    """Why a job made no run."""
+    """Why a job made no run: the kind of the error and its message."""
 
     kind: str
     detail: str
@@ -88,7 +88,7 @@ class Jobs(BaseModel):
 
 
 class Health(BaseModel):
-    """Whether the service lives, or is ready."""
+    """Whether the service is alive, or ready."""
 
     status: str
 
@@ -152,7 +152,7 @@ class PairsPage(_Page):
 
 
 class LeveragePage(_Page):
-    """What a run says of pairs; all columns, or those that were asked for."""
+    """Values of a run; all columns, or those that were requested."""
 
     run: str
     episode: list[int] | None = None
@@ -166,8 +166,8 @@ class LeveragePage(_Page):
 class LCoRAnswer(BaseModel):
     """LCoR of each state, how many demonstrations it rests on, its 99.9 % half-width (0: exact).
 
-    Contributors, where asked for, are rows of the dataset's pairs, heaviest first, and the share
-    of the answer's weight that each has.
+    Contributors, if requested, are rows of the dataset's pairs, heaviest first, and the share of
+    the value's weight that each has.
     """
 
     alpha: float
@@ -193,7 +193,7 @@ class SumsAnswer(BaseModel):
 
 
 class CoRAnswer(BaseModel):
-    """CoR of each state."""
+    """CoR of each state: above 1/2 where the labeled states are nearer than all others."""
 
     alpha: float
     value: list[float]

@@ -1,0 +1,61 @@
+"""A field and a model of a service have the bits of the local ones."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import ssil_data as sd
+from ssil_data.client import RemoteDataset
+from ssil_service import embed
+
+
+def test_a_field_answers_bit_for_bit_like_the_local_one(dataset: RemoteDataset, local: sd.Store):
+    remote, here = dataset.field("mdn"), local["drives"].field("mdn")
+    states = local["drives"].pairs().states[::7]
+    assert remote.alpha == here.alpha
+    for options in ({}, {"contributors": 4}, {"tolerance": 0.05}, {"tolerance": 1.0, "seed": 3}):
+        found, expected = remote.lcor(states, **options), here.lcor(states, **options)
+        for name in ("values", "effective_sample_size", "half_width"):
+            assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert_array_equal(found.contributors.row, expected.contributors.row)
+        assert_array_equal(found.contributors.share, expected.contributors.share)
+    assert_array_equal(remote.cor(states), here.cor(states))
+    sums, expected = remote.sums(states, contributors=2), here.sums(states, contributors=2)
+    for name in ("numerator", "denominator", "squares", "log_scale", "nearest", "nearest_weight"):
+        assert_array_equal(getattr(sums, name), getattr(expected, name))
+
+
+def test_another_alpha_is_that_of_the_local_field(dataset: RemoteDataset, local: sd.Store):
+    states = local["drives"].pairs().states[:5]
+    found = dataset.field("mdn", alpha=0.1 + 0.2).lcor(states).values
+    assert_array_equal(found, local["drives"].field("mdn", alpha=0.1 + 0.2).lcor(states).values)
+
+
+def test_no_states_get_no_answers(dataset: RemoteDataset):
+    assert len(dataset.field("mdn").lcor(np.empty((0, 3))).values) == 0
+
+
+def test_more_states_than_one_request_takes_are_sent_in_several(local: sd.Store):
+    states = local["drives"].pairs().states[:50]
+    with embed(local.folder.uri, query_rows=16) as store:
+        found = store["drives"].field("mdn").cor(states)
+    assert_array_equal(found, local["drives"].field("mdn").cor(states))
+
+
+def test_states_are_refused_as_they_are_locally(dataset: RemoteDataset, local: sd.Store):
+    for states in (np.ones((2, 4)), np.full((1, 3), np.nan), np.full((1, 3), 1e300), np.ones(3)):
+        with pytest.raises(sd.InvalidInputError) as here:
+            local["drives"].field("mdn").lcor(states)
+        with pytest.raises(sd.InvalidInputError) as there:
+            dataset.field("mdn").lcor(states)
+        assert str(there.value) == str(here.value)
+
+
+def test_a_model_scores_pairs_like_the_local_one(dataset: RemoteDataset, local: sd.Store):
+    pairs = local["drives"].episode(4)
+    found = dataset.model("mdn")(pairs)
+    expected = local["drives"].model("mdn")(pairs)
+    assert_array_equal(found.uncertainty, expected.uncertainty)
+    assert_array_equal(found.leverage, expected.leverage)
+    assert set(found.parts) == set(expected.parts)
+    assert_array_equal(found.parts["epistemic"], expected.parts["epistemic"])

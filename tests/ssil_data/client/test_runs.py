@@ -1,0 +1,33 @@
+"""Runs of a service are the local records."""
+
+import pytest
+from numpy.testing import assert_array_equal
+
+import ssil_data as sd
+from ssil_data.client import RemoteDataset
+
+
+def test_runs_are_the_local_records(dataset: RemoteDataset, local: sd.Store):
+    here = local["drives"]
+    assert [run.name for run in dataset.runs] == [run.name for run in here.runs]
+    assert dataset.runs["mdn"] == here.runs["mdn"]
+    assert dataset.runs.values("mdn").equals(here.runs.values("mdn"))
+    assert_array_equal(dataset.leverage("mdn"), here.leverage("mdn"))
+    with pytest.raises(sd.NotFoundError):
+        dataset.runs["nope"]
+
+
+@pytest.mark.parametrize("name", ["mdn?", "mdn#x", "..", "../../drives", "a/b", "", "mdn%2e"])
+def test_a_name_that_no_run_can_have_is_refused_as_locally(
+    name: str, dataset: RemoteDataset, local: sd.Store
+):
+    here = local["drives"]
+    for ask in ("values", "of_any_version", "__getitem__"):
+        with pytest.raises(sd.InvalidInputError) as expected:
+            getattr(here.runs, ask)(name)
+        with pytest.raises(sd.InvalidInputError) as found:
+            getattr(dataset.runs, ask)(name)
+        assert str(found.value) == str(expected.value)
+    for ask in ("leverage", "field", "model"):
+        with pytest.raises(sd.InvalidInputError, match="run name"):
+            getattr(dataset, ask)(name)
