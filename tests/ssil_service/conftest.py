@@ -51,7 +51,7 @@ def remote(folder: Path) -> Iterator[RemoteStore]:
 
 
 @pytest.fixture(scope="session")
-def asked(scored: Path) -> Iterator[httpx.Client]:
+def shared_http(scored: Path) -> Iterator[httpx.Client]:
     """Plain requests to a service that all tests share and none changes."""
     with embed(scored, jobs=1) as store:
         yield store.connection.client

@@ -19,7 +19,7 @@ import ssil_data as sd
     ],
 )
 def test_binary_tensors_are_answered_whatever_their_body_is_called(
-    named: dict[str, str], asked: httpx.Client, scored: Path, states: np.ndarray
+    named: dict[str, str], shared_http: httpx.Client, scored: Path, states: np.ndarray
 ):
     size = {"binary_data_size": states.nbytes}
     tensor = {"name": "states", "shape": list(states.shape), "datatype": "FP32"}
@@ -31,7 +31,7 @@ def test_binary_tensors_are_answered_whatever_their_body_is_called(
         separators=(",", ":"),
     ).encode()
     length = {"Inference-Header-Content-Length": str(len(head))}
-    answer = asked.post(
+    answer = shared_http.post(
         "v2/models/drives.vae.lcor/infer",
         content=head + states.tobytes(),
         headers={**named, **length},
@@ -44,8 +44,10 @@ def test_binary_tensors_are_answered_whatever_their_body_is_called(
     assert_array_equal(values, sd.Store(scored)["drives"].field("vae").lcor(states).values)
 
 
-def test_json_tensors_without_a_content_type_are_answered(asked: httpx.Client, states: np.ndarray):
+def test_json_tensors_without_a_content_type_are_answered(
+    shared_http: httpx.Client, states: np.ndarray
+):
     tensor = {"name": "states", "shape": list(states.shape), "datatype": "FP32"}
     body = json.dumps({"inputs": [{**tensor, "data": states.ravel().tolist()}]}).encode()
-    answer = asked.post("v2/models/drives.vae.lcor/infer", content=body)
+    answer = shared_http.post("v2/models/drives.vae.lcor/infer", content=body)
     assert answer.status_code == 200, answer.text

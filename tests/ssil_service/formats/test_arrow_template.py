@@ -82,13 +82,13 @@ def _narrow(states: np.ndarray) -> bytes:
 
 @pytest.mark.parametrize("spoil", [_nan, _narrow, lambda states: body_of(states)[:-30]])
 def test_bad_bodies_are_refused_after_good_ones_of_the_same_shape(
-    spoil: Callable[[np.ndarray], bytes], asked: httpx.Client, states: np.ndarray
+    spoil: Callable[[np.ndarray], bytes], shared_http: httpx.Client, states: np.ndarray
 ):
     headers = {"Content-Type": ARROW}
-    before = asked.post(COR, content=spoil(states), headers=headers)
-    answers = [asked.post(COR, content=body_of(states), headers=headers) for _ in range(3)]
+    before = shared_http.post(COR, content=spoil(states), headers=headers)
+    answers = [shared_http.post(COR, content=body_of(states), headers=headers) for _ in range(3)]
     assert len({answer.content for answer in answers}) == 1
     assert answers[0].status_code == 200
-    after = asked.post(COR, content=spoil(states), headers=headers)
+    after = shared_http.post(COR, content=spoil(states), headers=headers)
     assert before.status_code == after.status_code == 422
     assert before.content == after.content

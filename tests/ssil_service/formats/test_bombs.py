@@ -55,20 +55,20 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_body_of_mistakes_costs_little_and_stalls_nobody(name: str, asked: httpx.Client):
+def test_a_body_of_mistakes_costs_little_and_stalls_nobody(name: str, shared_http: httpx.Client):
     path, body = BOMBS[name]
-    asked_json(asked, LCOR, b'{"states":[[1,2,3]]}')
+    asked_json(shared_http, LCOR, b'{"states":[[1,2,3]]}')
     before, longest, over = peak(), [0.0], threading.Event()
 
     def watch() -> None:
         while not over.is_set():
             begin = time.perf_counter()
-            asked.get("healthz")
+            shared_http.get("healthz")
             longest[0] = max(longest[0], time.perf_counter() - begin)
 
     watcher = threading.Thread(target=watch)
     watcher.start()
-    answer = asked_json(asked, path, body)
+    answer = asked_json(shared_http, path, body)
     over.set()
     watcher.join()
     assert answer.status_code in (413, 422), answer.text[:200]
@@ -77,10 +77,10 @@ def test_a_body_of_mistakes_costs_little_and_stalls_nobody(name: str, asked: htt
     assert longest[0] < 3  # it was nine seconds
 
 
-def test_arrow_cells_that_are_no_numbers_are_named_a_hundred_at_most(asked: httpx.Client):
+def test_arrow_cells_that_are_no_numbers_are_named_a_hundred_at_most(shared_http: httpx.Client):
     table = pa.table({"state": rows_of_matrix(np.full((65_536, 3), np.nan, np.float32))})
     headers = {"Content-Type": ARROW}
-    answer = asked.post(LCOR, content=encode(table).to_pybytes(), headers=headers)
+    answer = shared_http.post(LCOR, content=encode(table).to_pybytes(), headers=headers)
     assert (answer.status_code, len(answer.json()["errors"])) == (422, 100)
 
 
@@ -101,9 +101,9 @@ def test_json_has_a_smaller_limit_than_other_bodies_and_it_is_told(folder: Path)
         assert http.post(INFER, content=large, headers=binary).status_code == 413
 
 
-def test_contributors_of_too_many_rows_are_refused(asked: httpx.Client):
+def test_contributors_of_too_many_rows_are_refused(shared_http: httpx.Client):
     table = pa.table({"state": rows_of_matrix(np.ones((60_000, 3), np.float32))})
     headers = {"Content-Type": ARROW, "Accept": JSON}
     content = encode(table).to_pybytes()
-    answer = asked.post(LCOR, params={"contributors": 256}, content=content, headers=headers)
+    answer = shared_http.post(LCOR, params={"contributors": 256}, content=content, headers=headers)
     assert answer.status_code == 413

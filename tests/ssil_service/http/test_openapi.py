@@ -26,15 +26,15 @@ LARGE = {"Content-Length": "999999999"}
     ],
 )
 def test_the_answers_of_the_middleware_are_documented(
-    method: str, path: str, headers: dict[str, str], status: int, asked: httpx.Client
+    method: str, path: str, headers: dict[str, str], status: int, shared_http: httpx.Client
 ):
     url = path.format(dataset="drives", run="vae", model="drives.vae")
-    assert asked.request(method, url, headers=headers).status_code == status
-    assert str(status) in documented(asked)["paths"][path][method.lower()]["responses"]
+    assert shared_http.request(method, url, headers=headers).status_code == status
+    assert str(status) in documented(shared_http)["paths"][path][method.lower()]["responses"]
 
 
-def test_other_methods_and_head_are_documented(asked: httpx.Client):
-    text = documented(asked)["info"]["description"]
+def test_other_methods_and_head_are_documented(shared_http: httpx.Client):
+    text = documented(shared_http)["info"]["description"]
     assert "HEAD is answered" in text and "405" in text and "Retry-After" in text
 
 
@@ -47,9 +47,9 @@ def test_with_keys_another_origin_may_query_and_the_document_says_so(folder: Pat
         assert "403" not in documented(http)["paths"][LCOR]["post"]["responses"]
 
 
-def test_starting_a_run_ignores_the_accept_header(asked: httpx.Client):
+def test_starting_a_run_ignores_the_accept_header(shared_http: httpx.Client):
     path = "/v1/datasets/{dataset}/runs"
-    assert "406" not in documented(asked)["paths"][path]["post"]["responses"]
+    assert "406" not in documented(shared_http)["paths"][path]["post"]["responses"]
 
 
 def documented(http: httpx.Client) -> dict[str, Any]:

@@ -22,14 +22,14 @@ PAIRS = "v1/datasets/drives/pairs"
         (f"{JSON};q=much, {ARROW}", ARROW),
     ],
 )
-def test_the_preferred_media_type_is_answered(accept: str, media: str, asked: httpx.Client):
-    answer = asked.get(PAIRS, headers={"Accept": accept})
+def test_the_preferred_media_type_is_answered(accept: str, media: str, shared_http: httpx.Client):
+    answer = shared_http.get(PAIRS, headers={"Accept": accept})
     assert (answer.status_code, answer.headers["content-type"]) == (200, media)
     assert answer.headers["vary"] == "Accept"
 
 
 @pytest.mark.parametrize("accept", ["text/html", f"{JSON};q=0, text/*"])
-def test_no_common_media_type_is_406(accept: str, asked: httpx.Client):
-    answer = asked.get(PAIRS, headers={"Accept": accept})
+def test_no_common_media_type_is_406(accept: str, shared_http: httpx.Client):
+    answer = shared_http.get(PAIRS, headers={"Accept": accept})
     assert answer.status_code == 406
     assert ARROW in answer.json()["detail"]

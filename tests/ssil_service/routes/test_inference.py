@@ -23,35 +23,37 @@ def tensor(name: str, values: np.ndarray, datatype: str = "FP32") -> dict:
     return {"name": name, "shape": list(values.shape), "datatype": datatype, "data": data}
 
 
-def test_server_and_models_describe_themselves(asked: httpx.Client, dataset: sd.Dataset):
-    assert asked.get("v2/health/live").json()["live"] is True
-    assert asked.get("v2/health/ready").json()["ready"] is True
-    assert asked.get("v2").json()["extensions"] == ["binary_tensor_data"]
-    found = asked.get(LCOR).json()
+def test_server_and_models_describe_themselves(shared_http: httpx.Client, dataset: sd.Dataset):
+    assert shared_http.get("v2/health/live").json()["live"] is True
+    assert shared_http.get("v2/health/ready").json()["ready"] is True
+    assert shared_http.get("v2").json()["extensions"] == ["binary_tensor_data"]
+    found = shared_http.get(LCOR).json()
     assert found["versions"] == [dataset.version]
     assert found["inputs"] == [{"name": "states", "datatype": "FP32", "shape": [-1, 3]}]
-    assert asked.get(f"{LCOR}/versions/{dataset.version}/ready").status_code == 200
-    names = [each["name"] for each in asked.get("v2/models/drives.vae").json()["outputs"]]
+    assert shared_http.get(f"{LCOR}/versions/{dataset.version}/ready").status_code == 200
+    names = [each["name"] for each in shared_http.get("v2/models/drives.vae").json()["outputs"]]
     assert names == ["uncertainty", "leverage"]
 
 
-def test_json_tensors_are_answered(asked: httpx.Client, dataset: sd.Dataset, states: np.ndarray):
+def test_json_tensors_are_answered(
+    shared_http: httpx.Client, dataset: sd.Dataset, states: np.ndarray
+):
     body = {"id": "7", "inputs": [tensor("states", states)]}
-    answer = asked.post(f"{LCOR}/infer", json=body).json()
+    answer = shared_http.post(f"{LCOR}/infer", json=body).json()
     assert (answer["model_name"], answer["id"]) == ("drives.vae.lcor", "7")
     outputs = {each["name"]: each["data"] for each in answer["outputs"]}
     expected = dataset.field("vae").lcor(states)
     assert_array_equal(outputs["values"], expected.values)
     assert_array_equal(outputs["effective_sample_size"], expected.effective_sample_size)
     nested = {"inputs": [{**tensor("states", states), "data": states.tolist()}]}
-    again = asked.post(f"{LCOR}/infer", json=nested).json()
+    again = shared_http.post(f"{LCOR}/infer", json=nested).json()
     assert again["outputs"] == answer["outputs"]
-    cor = asked.post("v2/models/drives.vae.cor/infer", json=body).json()["outputs"]
+    cor = shared_http.post("v2/models/drives.vae.cor/infer", json=body).json()["outputs"]
     assert_array_equal(cor[0]["data"], dataset.field("vae").cor(states))
 
 
 def test_binary_tensors_are_answered_as_triton_sends_them(
-    asked: httpx.Client, dataset: sd.Dataset, states: np.ndarray
+    shared_http: httpx.Client, dataset: sd.Dataset, states: np.ndarray
 ):
     data = states.tobytes()
     header = json.dumps(
@@ -71,7 +73,7 @@ def test_binary_tensors_are_answered_as_triton_sends_them(
         "Inference-Header-Content-Length": str(len(header)),
         "Content-Type": "application/octet-stream",
     }
-    answer = asked.post(f"{LCOR}/infer", content=header + data, headers=headers)
+    answer = shared_http.post(f"{LCOR}/infer", content=header + data, headers=headers)
     assert answer.status_code == 200, answer.text
     length = int(answer.headers["inference-header-content-length"])
     (output,) = json.loads(answer.content[:length])["outputs"]
@@ -80,11 +82,11 @@ def test_binary_tensors_are_answered_as_triton_sends_them(
     assert_array_equal(values, dataset.field("vae").lcor(states).values)
 
 
-def test_an_estimator_scores_pairs(asked: httpx.Client, dataset: sd.Dataset):
+def test_an_estimator_scores_pairs(shared_http: httpx.Client, dataset: sd.Dataset):
     pairs = dataset.episode(2)
     inputs = [tensor("states", pairs.states), tensor("actions", pairs.actions)]
     inputs.append(tensor("episode", pairs.episode, "INT64"))
-    answer = asked.post("v2/models/drives.vae/infer", json={"inputs": inputs}).json()
+    answer = shared_http.post("v2/models/drives.vae/infer", json={"inputs": inputs}).json()
     outputs = {each["name"]: each["data"] for each in answer["outputs"]}
     expected = dataset.model("vae")(pairs)
     assert_array_equal(outputs["leverage"], expected.leverage)
@@ -110,10 +112,10 @@ def test_an_estimator_scores_pairs(asked: httpx.Client, dataset: sd.Dataset):
     ],
 )
 def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
-    change: dict, status: int, asked: httpx.Client
+    change: dict, status: int, shared_http: httpx.Client
 ):
     given = {"name": "states", "shape": [1, 3], "datatype": "FP32", "data": [1.0, 2.0, 3.0]}
-    answer = asked.post(f"{LCOR}/infer", json={"inputs": [{**given, **change}]})
+    answer = shared_http.post(f"{LCOR}/infer", json={"inputs": [{**given, **change}]})
     assert answer.status_code == status
     assert answer.json()["error"] == answer.json()["detail"]
 
@@ -121,9 +123,9 @@ def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
 @pytest.mark.parametrize(
     "name", ["drives", "drives.nope", "nope.vae", "vae.drives", "drives.vae.x"]
 )
-def test_an_unknown_model_or_version_is_not_found(name: str, asked: httpx.Client):
-    assert asked.get(f"v2/models/{name}").status_code == 404
-    assert asked.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
+def test_an_unknown_model_or_version_is_not_found(name: str, shared_http: httpx.Client):
+    assert shared_http.get(f"v2/models/{name}").status_code == 404
+    assert shared_http.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
 
 
 def test_a_version_that_is_named_is_answered_however_the_dataset_has_grown(
@@ -170,20 +172,22 @@ def test_a_name_with_two_meanings_is_refused_unless_its_version_tells_which(
 
 
 @pytest.mark.parametrize("size", ["9" * 3000, "9" * 9000, str(2**41), "-1"], ids=len)
-def test_a_huge_shape_is_refused_without_an_echo(size: str, asked: httpx.Client):
+def test_a_huge_shape_is_refused_without_an_echo(size: str, shared_http: httpx.Client):
     tensor = f'{{"name": "states", "shape": [1, {size}], "datatype": "FP32", "data": [1]}}'
     headers = {"Content-Type": "application/json"}
     content = f'{{"inputs": [{tensor}]}}'
-    answer = asked.post(f"{LCOR}/infer", content=content, headers=headers)
+    answer = shared_http.post(f"{LCOR}/infer", content=content, headers=headers)
     assert answer.status_code == 422
     assert len(answer.content) < 600
 
 
 @pytest.mark.parametrize("number", [2**63, 2**64 + 1, -(2**63) - 1, True, 1.0])
-def test_integers_are_not_wrapped(number: object, asked: httpx.Client):
+def test_integers_are_not_wrapped(number: object, shared_http: httpx.Client):
     inputs = [
         {"name": "states", "shape": [1, 3], "datatype": "FP32", "data": [1, 2, 3]},
         {"name": "actions", "shape": [1, 2], "datatype": "FP32", "data": [1, 2]},
         {"name": "episode", "shape": [1], "datatype": "INT64", "data": [number]},
     ]
-    assert asked.post("v2/models/drives.vae/infer", json={"inputs": inputs}).status_code == 422
+    assert (
+        shared_http.post("v2/models/drives.vae/infer", json={"inputs": inputs}).status_code == 422
+    )

@@ -17,13 +17,13 @@ NAMES = {"dataset": "drives", "run": "vae", "model": "drives.vae", "job": "0" * 
 VERSIONS = {"version": "0" * 16}
 
 
-def test_every_route_refuses_a_parameter_that_it_does_not_have(asked: httpx.Client):
-    paths = asked.get("openapi.json").json()["paths"]
+def test_every_route_refuses_a_parameter_that_it_does_not_have(shared_http: httpx.Client):
+    paths = shared_http.get("openapi.json").json()["paths"]
     operations = [(path, method) for path, found in paths.items() for method in found]
     assert len(operations) > 25
     for path, method in operations:
         url = path.format(**NAMES, **VERSIONS)
-        answer = asked.request(method, url, params={"nonsense": "1"})
+        answer = shared_http.request(method, url, params={"nonsense": "1"})
         assert answer.status_code == 422, (method, path, answer.text)
         assert answer.headers["content-type"] == "application/problem+json"
         assert answer.json()["errors"] == [
@@ -31,8 +31,8 @@ def test_every_route_refuses_a_parameter_that_it_does_not_have(asked: httpx.Clie
         ], (method, path)
 
 
-def test_a_parameter_that_is_out_of_range_is_named(asked: httpx.Client):
-    answer = asked.get("v1/datasets/drives/pairs", params={"offset": -1, "limit": 0})
+def test_a_parameter_that_is_out_of_range_is_named(shared_http: httpx.Client):
+    answer = shared_http.get("v1/datasets/drives/pairs", params={"offset": -1, "limit": 0})
     places = [fault["field"] for fault in answer.json()["errors"]]
     assert (answer.status_code, places) == (422, ["query.offset", "query.limit"])
 
@@ -51,24 +51,24 @@ def test_the_options_of_an_lcor_request_are_those_of_the_library():
         LCoRParameters.model_validate({"nonsense": 1})
 
 
-def test_options_that_conflict_are_refused(asked: httpx.Client):
+def test_options_that_conflict_are_refused(shared_http: httpx.Client):
     for options, words in (
         ({"tolerance": 0.1, "seconds": 1.0}, "give a tolerance or seconds, not both"),
         ({"seed": 3}, "needs a tolerance or seconds"),
         ({"contributors": 2, "tolerance": 0.1}, "contributors: "),
     ):
-        answer = asked.post(
+        answer = shared_http.post(
             "v1/datasets/drives/runs/vae/lcor", params=options, json={"states": [[1, 2, 3]]}
         )
         assert (answer.status_code, words in answer.json()["detail"]) == (422, True)
 
 
-def test_records_are_served_as_the_library_declares_them(asked: httpx.Client):
-    record = asked.get("v1/datasets/drives/runs/vae").json()
+def test_records_are_served_as_the_library_declares_them(shared_http: httpx.Client):
+    record = shared_http.get("v1/datasets/drives/runs/vae").json()
     RunRecord.model_validate(record, strict=True)
     assert set(record) == set(RunRecord.model_fields)
     names = {"run" if each.name == "name" else each.name for each in fields(sd.Run)}
     assert set(record) == names
-    summary = asked.get("v1/datasets/drives").json()
+    summary = shared_http.get("v1/datasets/drives").json()
     DatasetSummary.model_validate(summary, strict=True)
     assert set(summary) == set(DatasetSummary.model_fields)

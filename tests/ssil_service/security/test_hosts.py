@@ -13,9 +13,9 @@ from ssil_service.settings import Settings
 
 
 @pytest.mark.parametrize("host", ["rebound.example", "rebound.example:8000", "", "127.0.0.1.x"])
-def test_a_foreign_host_is_misdirected(host: str, asked: httpx.Client):
+def test_a_foreign_host_is_misdirected(host: str, shared_http: httpx.Client):
     for path in ("v1/datasets", "healthz", "openapi.json", "docs"):
-        answer = asked.get(path, headers={"Host": host})
+        answer = shared_http.get(path, headers={"Host": host})
         assert (answer.status_code, answer.headers["content-type"]) == (
             421,
             "application/problem+json",
@@ -25,8 +25,8 @@ def test_a_foreign_host_is_misdirected(host: str, asked: httpx.Client):
 @pytest.mark.parametrize(
     "host", ["localhost", "LOCALHOST:8000", "127.0.0.1:1", "[::1]:8000", "[0:0:0:0:0:0:0:1]:1"]
 )
-def test_local_names_are_answered(host: str, asked: httpx.Client):
-    assert asked.get("v1/datasets", headers={"Host": host}).status_code == 200
+def test_local_names_are_answered(host: str, shared_http: httpx.Client):
+    assert shared_http.get("v1/datasets", headers={"Host": host}).status_code == 200
 
 
 def test_a_request_target_may_name_the_host(raw: Any):
