@@ -34,7 +34,8 @@ def render(document: dict[str, Any]) -> str:
     groups: dict[str, list[dict[str, Any]]] = {title: [] for title in TITLES.values()}
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
-            title = TITLES.get(operation["tags"][0], operation["tags"][0].capitalize())
+            tag: str = operation["tags"][0]
+            title = TITLES.get(tag, tag.capitalize())
             row = {"method": method.upper(), "path": path, "operation": operation}
             groups.setdefault(title, []).append(row)
     environment = Environment(

@@ -42,7 +42,8 @@ def _show_default(name: str) -> str:
     if value is None:
         return "none"
     if isinstance(value, int) and value >= 2**20 and value % 2**20 == 0:
-        return f"{value} ({value // 2**20} MiB)"
+        size = f"{value // 2**30} GiB" if value % 2**30 == 0 else f"{value // 2**20} MiB"
+        return f"{value} ({size})"
     return str(value)
 
 

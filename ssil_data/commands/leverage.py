@@ -26,6 +26,11 @@ from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
 
 Kind = Literal["vae", "windowvae", "mdn", "gpr"]
+"""The kinds in `ESTIMATORS`, for the types of the command line; a test compares the two."""
+PresetName = Literal["default", "paper"]
+"""The names in `PRESETS`; compared by the same test."""
+ScaleKind = Literal["quantile", "minmax", "conformal"]
+"""The kinds in `SCALES`; compared by the same test."""
 
 
 def score(
@@ -33,8 +38,8 @@ def score(
     /,
     *,
     estimator: Kind | None = None,
-    preset: Literal["default", "paper"] | None = None,
-    scale: Literal["quantile", "minmax", "conformal"] | None = None,
+    preset: PresetName | None = None,
+    scale: ScaleKind | None = None,
     surprisal: bool | None = None,
     seed: int | None = None,
     run: str | None = None,
@@ -57,7 +62,7 @@ def score(
     scale:
         How uncertainty becomes leverage, instead of the preset's.
     surprisal:
-        mdn and gpr: also judge the action that was taken, instead of the preset's choice.
+        mdn and gpr: judge the action that was taken, instead of the preset's choice.
     seed:
         Random seed: same seed, same machine, same leverage. [default: 0]
     run:

@@ -41,7 +41,13 @@ AsJson = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON 
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON on standard output; NaN and infinity are refused."""
+    """Print a value as JSON on standard output.
+
+    Parameters
+    ----------
+    value:
+        What `json` can write. NaN and infinity are refused.
+    """
     print(json.dumps(value, indent=2, allow_nan=False))
 
 

@@ -102,7 +102,15 @@ class AnnouncedRetry(RetryPolicy):
     url: str = ""
 
     def seconds_before(self, attempt: int, announced: float) -> float:
-        """Return the seconds before an attempt, after announcing a wait that lasts."""
+        """Return the seconds before an attempt, after announcing a wait that lasts.
+
+        Parameters
+        ----------
+        attempt:
+            How many attempts failed before the last one.
+        announced:
+            Seconds that the service asks its clients to wait, 0 for none.
+        """
         if attempt == SILENT_ATTEMPTS:
             print(f"Waiting for {self.url}, which is busy or away ...", file=sys.stderr, flush=True)
         return super().seconds_before(attempt, announced)

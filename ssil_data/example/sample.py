@@ -26,7 +26,13 @@ TAKE_EVERY = {"expert": 4, "50-75": 3, "25-50": 4, "0-25": 5}
 
 
 def sample_episodes(dataset: Dataset) -> list[int]:
-    """Return the numbers of the episodes in the sample, in rising order."""
+    """Return the numbers of the episodes in the sample, in rising order.
+
+    Parameters
+    ----------
+    dataset:
+        The committed racetrack demonstrations.
+    """
     seen: Counter[str] = Counter()
     chosen = []
     for row in dataset.episodes.to_pylist():
@@ -40,7 +46,13 @@ def sample_episodes(dataset: Dataset) -> list[int]:
 
 
 def sample_table(dataset: Dataset) -> pa.Table:
-    """Return the sample as one row per pair, with what is known of its episode in every row."""
+    """Return the sample as one row per pair, with what is known of its episode in every row.
+
+    Parameters
+    ----------
+    dataset:
+        The committed racetrack demonstrations.
+    """
     known = {row["episode"]: row for row in dataset.episodes.to_pylist()}
     rewards = dataset.read_recorded("reward")
     positions = dataset.read_recorded("position")
@@ -70,7 +82,15 @@ def sample_table(dataset: Dataset) -> pa.Table:
 
 
 def write_sample(dataset: Dataset, path: Path) -> None:
-    """Write the sample as Parquet: byte streams of floats split and packed hard, for the wheel."""
+    """Write the sample as Parquet: byte streams of floats split and packed hard, for the wheel.
+
+    Parameters
+    ----------
+    dataset:
+        The committed racetrack demonstrations.
+    path:
+        The file to write.
+    """
     floats = ["state.list.element", "action.list.element", "position.list.element", "reward"]
     options: dict[str, Any] = {
         "use_dictionary": ["episode", "labeled", "score", "tier", "ending", "source"],

@@ -58,7 +58,7 @@ def run_page(page: Path, folder: Path) -> str:
 
     Servers that a block starts in the background are ended with the shell.
     """
-    script = ["trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT"]
+    script = ["trap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT"]
     for block in read_blocks(page):
         if block.language == "sh":
             script.append(block.code)

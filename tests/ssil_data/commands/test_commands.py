@@ -7,12 +7,16 @@ import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from ssil_data.cli import app, main
+from ssil_data.commands.leverage import Kind, PresetName, ScaleKind
+from ssil_data.estimators import ESTIMATORS
+from ssil_data.scales import SCALES
+from ssil_data.scoring import PRESETS
 from support.demonstrations import drives
 
 
@@ -97,6 +101,12 @@ def test_help_imports_neither_torch_nor_arrow():
 @pytest.mark.parametrize("command", [c for c in app if not c.startswith("-")])
 def test_every_command_has_help(shell: Shell, command: str):
     assert "Usage: ssil-data" in shell(command, "--help")
+
+
+def test_choices_of_the_command_line_are_the_registries():
+    assert get_args(Kind) == tuple(ESTIMATORS)
+    assert get_args(ScaleKind) == tuple(SCALES)
+    assert get_args(PresetName) == PRESETS
 
 
 def test_import_score_show_as_json(shell: Shell):
