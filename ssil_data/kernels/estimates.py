@@ -38,11 +38,11 @@ class Estimate:
         return _QUANTILE * self.deviation + self.floor
 
     @property
-    def trusted(self) -> NDArray[np.bool_]:
+    def is_trusted(self) -> NDArray[np.bool_]:
         """Whether enough references decide for the normal approximation to hold, (m,)."""
         return (self.support >= _MIN_SUPPORT) & (self.influence <= _MAX_INFLUENCE)
 
-    def required_size(self, tolerance: float, size: int, count: int) -> NDArray[np.float64]:
+    def find_size(self, tolerance: float, size: int, count: int) -> NDArray[np.float64]:
         """Return how large a sample would answer within a tolerance.
 
         Parameters

@@ -32,14 +32,14 @@ def exact_sums(work: Pass, queries: NDArray[np.float32], *, contributors: int) -
     contributors
         How many of the heaviest references to name; no more than there are.
     """
-    to_centre = np.abs(queries.astype(np.float64)).sum(axis=1)
-    sums, brackets = work(queries, to_centre)
+    to_center = np.abs(queries.astype(np.float64)).sum(axis=1)
+    sums, brackets = work(queries, to_center)
     nearest = work.distance(queries, brackets.min(axis=1))
     log_scale = log_kernel(nearest, work.alpha)
-    log_weight = log_scale - log_kernel(to_centre, work.alpha)
+    log_weight = log_scale - log_kernel(to_center, work.alpha)
     lost = np.abs(log_weight) > _MAX_LOG_WEIGHT
     if work.code.power.offset == 0:
-        log_t = np.log1p(nearest / work.alpha) - np.log1p(to_centre / work.alpha)
+        log_t = np.log1p(nearest / work.alpha) - np.log1p(to_center / work.alpha)
         lost |= log_t < _MIN_LOG_T
     if lost.any():
         sums[:, lost], _ = work(queries[lost], nearest[lost])

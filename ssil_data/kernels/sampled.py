@@ -108,7 +108,7 @@ class Sampled:
         size = sample.round_up(FIRST_PART)
         while len(left):
             answer = estimates.estimate_with(size, left)
-            need = answer.required_size(tolerance, size, self._population.count)
+            need = answer.find_size(tolerance, size, self._population.count)
             done = need <= size
             hopeless = ~(need <= sample.max_size)
             found.write(left[done], answer.take(done))
@@ -169,8 +169,8 @@ class Sampled:
         widest = self._population.farthest(answer.values)
         return replace(
             answer,
-            deviation=np.where(answer.trusted, answer.deviation, 0),
-            floor=np.where(answer.trusted, answer.floor, widest),
+            deviation=np.where(answer.is_trusted, answer.deviation, 0),
+            floor=np.where(answer.is_trusted, answer.floor, widest),
         )
 
     def estimate_of_size(
@@ -213,7 +213,7 @@ class Sampled:
         if self._exact_is_faster(queries, alpha):
             return float(self._answer_exactly(queries, alpha, None).values.std())
         found = self.estimate_of_size(queries, alpha=alpha, size=4 * FIRST_PART)
-        if not found.trusted.all():
+        if not found.is_trusted.all():
             return float(self._answer_exactly(queries, alpha, None).values.std())
         variance = found.values.var() - np.square(found.deviation).mean()
         return float(np.sqrt(max(variance, 0.0)))
@@ -277,9 +277,14 @@ class _QueryEstimates:
         self._size = 0
 
     def estimate_with(self, size: int, rows: NDArray[np.int64]) -> Estimate:
-        """Estimate the queries `rows` from a sample of `size`, which must not shrink.
+        """Estimate some of the queries from a larger sample than before.
 
-        Queries that are left out once must not come back: their moments are not kept up.
+        Parameters
+        ----------
+        size
+            References in the sample; it must not shrink.
+        rows
+            Indices of queries. Those left out once must not come back: their moments lag behind.
         """
         grown = self.sample.moments(
             self._queries[rows],

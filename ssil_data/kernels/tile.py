@@ -111,10 +111,10 @@ class _SumsWriter:
 
     def write(self) -> None:
         blocks = self.b.sub(self.end, self.begin)
-        fold(self.b, blocks, [], lambda index, _: self.write_block(self.b.add(self.begin, index)))
+        fold(self.b, blocks, [], lambda index, _: self._write_block(self.b.add(self.begin, index)))
         self.b.ret_void()
 
-    def write_block(self, block: Any) -> Sequence:
+    def _write_block(self, block: Any) -> Sequence:
         """Pass all tiles of queries over the panels of a block."""
         most = INDEX(self.tile.panels)
         first = self.b.mul(block, most)
@@ -122,29 +122,29 @@ class _SumsWriter:
         count = self.b.select(self.b.icmp_unsigned("<", left, most), left, most)
 
         def write_tile(index: Any, _: Sequence) -> Sequence:
-            query = self.write_address(self.queries, index, self.tile.queries)
+            query = self._write_address(self.queries, index, self.tile.queries)
             first_query = self.b.mul(index, INDEX(self.tile.queries))
 
             def write_panel(step: Any, totals: Sequence) -> Sequence:
                 place = self.b.add(first, step)
-                reference = self.write_address(self.panels, place, self.tile.references)
-                brackets = self.write_brackets(query, reference)
-                self.store_minima(brackets, first_query, place)
-                return self.add_weighted(query, reference, brackets, totals)
+                reference = self._write_address(self.panels, place, self.tile.references)
+                brackets = self._write_brackets(query, reference)
+                self._store_minima(brackets, first_query, place)
+                return self._add_weighted(query, reference, brackets, totals)
 
             zeros = [self.vectors.zero] * (self.products.count * self.tile.queries)
             place = self.b.add(self.b.mul(block, self.tile_count), index)
-            self.store_totals(fold(self.b, count, zeros, write_panel), place)
+            self._store_totals(fold(self.b, count, zeros, write_panel), place)
             return []
 
         return fold(self.b, self.tile_count, [], write_tile)
 
-    def write_address(self, base: Any, index: Any, columns: int) -> Any:
+    def _write_address(self, base: Any, index: Any, columns: int) -> Any:
         """Write the address of tile or panel `index`, width + 2 rows of `columns` numbers."""
         size = self.b.mul(self.b.add(self.width, INDEX(2)), INDEX(columns))
         return at(self.b, base, self.b.mul(index, size))
 
-    def write_brackets(self, query: Any, reference: Any) -> Sequence:
+    def _write_brackets(self, query: Any, reference: Any) -> Sequence:
         """Accumulate over the dimensions: `vectors` values for each query in turn."""
         half_sums = self.vectors.row(reference, self.width, self.tile.vectors)
         start = [self.vectors.zero] * self.tile.vectors if self.direct else list(half_sums)
@@ -152,18 +152,18 @@ class _SumsWriter:
         def write_dimension(index: Any, sums: Sequence) -> Sequence:
             theirs = self.vectors.row(reference, index, self.tile.vectors)
             ours = self.vectors.scalars(query, index, self.tile.queries)
-            terms = [self.write_term(q, x) for q in ours for x in theirs]
+            terms = [self._write_term(q, x) for q in ours for x in theirs]
             return [self.b.fadd(total, term) for total, term in zip(sums, terms, strict=True)]
 
         return fold(self.b, self.width, start * self.tile.queries, write_dimension)
 
-    def write_term(self, q: Any, x: Any) -> Any:
+    def _write_term(self, q: Any, x: Any) -> Any:
         """Write what one dimension adds to the bracket of a query and some references."""
         if self.direct:
             return intrinsic(self.b, "fabs", self.b.fsub(q, x))
         return intrinsic(self.b, "maxnum", q, x, fastmath=FAST)
 
-    def add_weighted(
+    def _add_weighted(
         self, query: Any, reference: Any, brackets: Sequence, totals: Sequence
     ) -> Sequence:
         """Add a panel's products to the totals of all queries."""
@@ -175,28 +175,28 @@ class _SumsWriter:
         added = []
         for j in range(self.tile.queries):
             sums = totals[j :: self.tile.queries]
-            for bracket, value in zip(self.brackets_of(brackets, j), leverage, strict=True):
+            for bracket, value in zip(self._brackets_of(brackets, j), leverage, strict=True):
                 x = fmuladd(self.b, bracket, factors[j], offsets[j])
                 u = self.b.fsub(x, constant(x.type, self.power.offset))
                 sums = self.products.add(self.b, sums, u=u, w=self.weight(x), leverage=value)
             added.append(sums)
         return [total for kind in zip(*added, strict=True) for total in kind]
 
-    def brackets_of(self, brackets: Sequence, j: int) -> Sequence:
+    def _brackets_of(self, brackets: Sequence, j: int) -> Sequence:
         """Return the vectors of query j of the tile."""
         return brackets[j * self.tile.vectors : (j + 1) * self.tile.vectors]
 
-    def store_minima(self, brackets: Sequence, first_query: Any, panel: Any) -> None:
+    def _store_minima(self, brackets: Sequence, first_query: Any, panel: Any) -> None:
         """Store the smallest bracket of each query in this panel."""
         for j in range(self.tile.queries):
-            least, *others = self.brackets_of(brackets, j)
+            least, *others = self._brackets_of(brackets, j)
             for other in others:
                 least = intrinsic(self.b, "minnum", least, other, fastmath=FAST)
             smallest = intrinsic(self.b, "vector.reduce.fmin", least, result=FLOAT, fastmath=FAST)
             row = self.b.mul(self.b.add(first_query, INDEX(j)), self.panel_count)
             self.b.store(smallest, at(self.b, self.nearest, self.b.add(row, panel)))
 
-    def store_totals(self, totals: Sequence, place: Any) -> None:
+    def _store_totals(self, totals: Sequence, place: Any) -> None:
         """Store a block's totals of one tile, each added up over its lanes."""
         target = at(self.b, self.sums, self.b.mul(place, INDEX(len(totals))), DOUBLE)
         for position, total in enumerate(totals):

@@ -93,17 +93,17 @@ def made_estimate(**changes: float) -> Estimate:
     ],
 )
 def test_answers_that_few_references_decide_are_not_trusted(changes: dict, trusted: bool):
-    assert made_estimate(**changes).trusted.tolist() == [trusted]
-    need = made_estimate(**changes).required_size(1.0, 8192, 10**7)
+    assert made_estimate(**changes).is_trusted.tolist() == [trusted]
+    need = made_estimate(**changes).find_size(1.0, 8192, 10**7)
     assert (need <= 8192).tolist() == [trusted]
 
 
 def test_the_size_that_is_needed_reaches_the_tolerance():
     now = made_estimate()
-    (need,) = now.required_size(1e-3, 8192, 10**7)
+    (need,) = now.find_size(1e-3, 8192, 10**7)
     shrunk = 1e-3 * np.sqrt((1 / need - 1e-7) / (1 / 8192 - 1e-7))
     assert 3.2905 * shrunk + 1e-4 == pytest.approx(1e-3)
-    assert now.required_size(1e-2, 8192, 10**7) <= 8192
-    assert made_estimate(floor=0.01).required_size(1e-3, 8192, 10**7) >= 10**7
-    (supported,) = made_estimate(support=128.0).required_size(1.0, 8192, 10**7)
+    assert now.find_size(1e-2, 8192, 10**7) <= 8192
+    assert made_estimate(floor=0.01).find_size(1e-3, 8192, 10**7) >= 10**7
+    (supported,) = made_estimate(support=128.0).find_size(1.0, 8192, 10**7)
     assert supported == pytest.approx(4 * 8192)

@@ -39,7 +39,7 @@ def test_999_of_1000_answers_lie_within_their_half_width(alpha: float):
     queries, known, missed, source = world()[3], exact(alpha), 0, sampled()
     for seed in range(10):
         found = source.estimate_of_size(queries, alpha=alpha, size=16_384, seed=seed)
-        assert found.trusted.all()
+        assert found.is_trusted.all()
         missed += (np.abs(found.values - known) > found.half_width).sum()
     assert missed <= 15  # of 3,000, where 3 are expected
 
@@ -72,7 +72,7 @@ def test_leverages_that_few_states_have_are_asked_of_all(rare: int, other: float
     known = references.sums(own, alpha=12.0)
     for seed in range(3):
         part = source.estimate_of_size(own, alpha=12.0, size=8192, seed=seed)
-        assert not part.trusted.any()
+        assert not part.is_trusted.any()
         assert np.isfinite(part.half_width).all()
         assert (part.effective_sample_size <= STORE).all()
         whole = source.estimate_within(own, alpha=12.0, tolerance=0.01, seed=seed)
@@ -227,7 +227,7 @@ def test_time_buys_a_larger_sample_and_in_the_end_all(seconds: float):
 def test_an_answer_without_support_says_that_it_knows_nothing():
     _, leverage, _, queries = world(29)
     found = sampled(width=29).estimate_in_time(queries[:20] * 2, alpha=1e4, seconds=1e-6)
-    assert not found.trusted.any()
+    assert not found.is_trusted.any()
     room = np.maximum(found.values - leverage.min(), leverage.max() - found.values)
     np.testing.assert_allclose(found.half_width, room)
 
