@@ -46,14 +46,15 @@ def test_clients_that_hang_up_do_no_harm(server: Server, served_folder: Path, ra
     assert [path.name for path in place.iterdir()] == ["lock"]
 
 
-def test_bytes_that_are_no_http_are_a_problem(raw: Raw):
+def test_bytes_other_than_http_are_answered_with_a_problem(raw: Raw):
     with raw(b"\x16\x03\x01 hello\r\n\r\n") as connection:
         answer = connection.recv(1000)
     assert answer.startswith(b"HTTP/1.1 400") and b"application/problem+json" in answer
 
 
-def test_a_head_that_drips_is_dropped_in_time(raw: Raw):
-    connection, begin = raw(), time.monotonic()
+def test_a_head_sent_byte_by_byte_is_dropped_in_time(raw: Raw):
+    connection = raw()
+    begin = time.monotonic()
     connection.settimeout(0.05)
     for letter in HEAD * 10:
         if time.monotonic() - begin > 5:
@@ -73,13 +74,13 @@ PAIRS = b"GET /v1/datasets/many/pairs HTTP/1.1\r\nHost: localhost\r\n"
 PAIRS += b"Accept: application/vnd.apache.arrow.stream\r\n\r\n"
 
 
-def test_a_client_that_never_reads_is_cut_off_and_holds_nothing(server: Server, raw: Raw):
+def test_a_client_that_never_reads_is_disconnected_and_its_memory_freed(server: Server, raw: Raw):
     def metric(name: str) -> float:
         lines = httpx.get(f"{server.url}/metrics").text.splitlines()
         (line,) = [line for line in lines if line.startswith(f"{name} ")]
         return float(line.split()[1])
 
-    deaf = [raw(PAIRS, buffer=4096) for _ in range(3)]
+    unread = [raw(PAIRS, buffer=4096) for _ in range(3)]
     deadline = time.monotonic() + 10
     while metric("ssil_held_bytes") < 10_000_000 and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -87,7 +88,7 @@ def test_a_client_that_never_reads_is_cut_off_and_holds_nothing(server: Server, 
     while metric("ssil_held_bytes") > 10_000 and time.monotonic() < deadline:
         time.sleep(0.1)
     assert metric("ssil_requests_in_flight") == 1
-    for connection in deaf:
+    for connection in unread:
         received = 0
         try:
             while part := connection.recv(2**20):
@@ -98,7 +99,8 @@ def test_a_client_that_never_reads_is_cut_off_and_holds_nothing(server: Server, 
 
 
 def test_a_client_that_reads_slowly_but_steadily_gets_everything(raw: Raw):
-    connection, begin = raw(PAIRS, buffer=4096), time.monotonic()
+    connection = raw(PAIRS, buffer=4096)
+    begin = time.monotonic()
     head, _, rest = connection.recv(2000).partition(b"\r\n\r\n")
     expected = int(head.lower().split(b"content-length: ")[1].split(b"\r\n")[0])
     received = len(rest)
@@ -107,14 +109,14 @@ def test_a_client_that_reads_slowly_but_steadily_gets_everything(raw: Raw):
         assert part
         received += len(part)
         time.sleep(2.5 * len(part) / expected)
-    assert time.monotonic() - begin > 2  # twice the patience of the service
+    assert time.monotonic() - begin > 2  # twice the service's time-out
 
 
 def test_connections_beyond_the_limit_are_closed_at_once(server: Server, raw: Raw):
-    held = [raw() for _ in range(60)]
+    open_connections = [raw() for _ in range(60)]
     late = raw()
     late.settimeout(0.5)  # sooner than a silent one is dropped
     assert late.recv(10) == b""
-    for connection in held:
+    for connection in open_connections:
         connection.close()
     assert httpx.get(f"{server.url}/healthz").status_code == 200

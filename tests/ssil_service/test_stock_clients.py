@@ -1,4 +1,4 @@
-"""Questions as the stock clients of Triton and KServe put them, byte for byte."""
+"""Requests as the stock clients of Triton and KServe send them, byte for byte."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ import ssil_data as sd
         {"Content-Type": "application/octet-stream"},  # tritonclient.http.aio, kserve
     ],
 )
-def test_binary_tensors_are_answered_whatever_their_body_is_called(
+def test_binary_tensors_are_answered_whatever_the_content_type(
     named: dict[str, str], shared_http: httpx.Client, scored: Path, states: np.ndarray
 ):
     size = {"binary_data_size": states.nbytes}

@@ -1,4 +1,4 @@
-"""What is read of the store is kept within bounds, and let go of with its dataset."""
+"""What is read of the store is cached within bounds, and dropped with its dataset."""
 
 import asyncio
 import os
@@ -18,24 +18,25 @@ from ssil_service.queries.snapshot import Snapshot
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 
 
-def test_a_deleted_dataset_gives_its_memory_back(local: sd.Store):
+def test_a_deleted_dataset_leaves_the_cache(local: sd.Store):
     async def read() -> Catalog:
-        catalogue = Catalog(local, 2**30)
+        catalog = Catalog(local, 2**30)
         for name in ("drives", "others"):
-            snapshot = await catalogue.snapshot(name)
-            await catalogue.pairs(snapshot)
-            await catalogue.values(snapshot, "vae")
-            await catalogue.field(snapshot, "vae", None)
-            await catalogue.model(snapshot, "vae")
-        return catalogue
+            snapshot = await catalog.snapshot(name)
+            await catalog.pairs(snapshot)
+            await catalog.values(snapshot, "vae")
+            await catalog.field(snapshot, "vae", None)
+            await catalog.model(snapshot, "vae")
+        return catalog
 
     shutil.copytree(Path(local.folder.uri) / "drives", Path(local.folder.uri) / "others")
-    catalogue = asyncio.run(read())
-    held, values = catalogue.cache.bytes, len(catalogue.cache)
-    catalogue.remove("drives")
-    assert (2 * catalogue.cache.bytes, 2 * len(catalogue.cache)) == (held, values)
-    catalogue.remove("others")
-    assert (catalogue.cache.bytes, len(catalogue.cache)) == (0, 0)
+    catalog = asyncio.run(read())
+    size = catalog.cache.bytes
+    values = len(catalog.cache)
+    catalog.remove("drives")
+    assert (2 * catalog.cache.bytes, 2 * len(catalog.cache)) == (size, values)
+    catalog.remove("others")
+    assert (catalog.cache.bytes, len(catalog.cache)) == (0, 0)
 
 
 def test_a_change_in_the_same_tick_of_the_clock_is_seen(
@@ -44,11 +45,12 @@ def test_a_change_in_the_same_tick_of_the_clock_is_seen(
     """A file system may give two changes one time; a second later it would give another."""
     logs = [Path(local.folder.uri) / "drives" / t / "_delta_log" for t in ("episodes", "leverage")]
     first = [log.stat().st_mtime_ns for log in logs]
-    catalogue, tick = Catalog(local, 2**30), max(first) / 1e9
+    catalog = Catalog(local, 2**30)
+    tick = max(first) / 1e9
 
     def seen(after: float) -> Snapshot:
         monkeypatch.setattr("ssil_service.queries.catalog.time.time", lambda: tick + after)
-        return asyncio.run(catalogue.snapshot("drives"))
+        return asyncio.run(catalog.snapshot("drives"))
 
     assert len(seen(0.01).dataset) == 420
     longer = local["drives"].append([drive(9, 5)])
@@ -60,24 +62,24 @@ def test_a_change_in_the_same_tick_of_the_clock_is_seen(
     assert seen(2.0) is settled  # and nothing is read again
 
 
-def test_another_alpha_shares_the_states_of_the_runs_own_field(
+def test_a_field_of_another_alpha_shares_the_states_of_the_runs_own(
     local: sd.Store, states: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ):
     built: list[str] = []
     field = Dataset.field
 
-    def counted(self: Dataset, run: str, **options: float) -> sd.LeverageField:
+    def count_and_open(self: Dataset, run: str, **options: float) -> sd.LeverageField:
         built.append(run)
         return field(self, run, **options)
 
-    async def asked(catalogue: Catalog) -> list[sd.LeverageField]:
-        snapshot = await catalogue.snapshot("drives")
-        return [await catalogue.field(snapshot, "vae", alpha) for alpha in (3.0, None, 7.0, 3.0)]
+    async def read_fields(catalog: Catalog) -> list[sd.LeverageField]:
+        snapshot = await catalog.snapshot("drives")
+        return [await catalog.field(snapshot, "vae", alpha) for alpha in (3.0, None, 7.0, 3.0)]
 
     with monkeypatch.context() as patch:
-        patch.setattr(Dataset, "field", counted)
-        catalogue = Catalog(local, 2**30)
-        found = asyncio.run(asked(catalogue))
+        patch.setattr(Dataset, "field", count_and_open)
+        catalog = Catalog(local, 2**30)
+        found = asyncio.run(read_fields(catalog))
         assert built == ["vae"]
         assert [each.alpha for each in found] == [3, local["drives"].runs["vae"].alpha, 7, 3]
         assert found[0] is found[3] and found[0].states is found[1].states
@@ -89,17 +91,17 @@ def test_another_alpha_shares_the_states_of_the_runs_own_field(
         assert_array_equal(each.lcor(states, **close).values, expected.lcor(states, **close).values)
 
 
-def test_what_shares_the_states_of_a_field_is_let_go_of_before_them(local: sd.Store):
-    async def asked(catalogue: Catalog) -> tuple[sd.LeverageField, ...]:
-        snapshot = await catalogue.snapshot("drives")
-        own = await catalogue.field(snapshot, "vae", None)
-        other = await catalogue.field(snapshot, "vae", 3.0)
-        catalogue.cache.capacity = catalogue.cache.bytes
-        await catalogue.cache.get(("another", "drives"), lambda: ("another", 1))
-        still = await catalogue.field(snapshot, "vae", None)
-        return own, still, other, await catalogue.field(snapshot, "vae", 3.0)
+def test_fields_that_share_states_are_dropped_before_the_field_that_has_them(local: sd.Store):
+    async def read_fields(catalog: Catalog) -> tuple[sd.LeverageField, ...]:
+        snapshot = await catalog.snapshot("drives")
+        own = await catalog.field(snapshot, "vae", None)
+        other = await catalog.field(snapshot, "vae", 3.0)
+        catalog.cache.capacity = catalog.cache.bytes
+        await catalog.cache.get(("another", "drives"), lambda: ("another", 1))
+        still = await catalog.field(snapshot, "vae", None)
+        return own, still, other, await catalog.field(snapshot, "vae", 3.0)
 
-    own, still, other, another = asyncio.run(asked(Catalog(local, 2**30)))
+    own, still, other, another = asyncio.run(read_fields(Catalog(local, 2**30)))
     assert own is still and other is not another
 
 
@@ -122,7 +124,7 @@ def test_a_dataset_that_is_deleted_while_it_is_read_is_not_found(
     assert (answer.status_code, answer.json()["title"]) == (404, "Not Found")
 
 
-def test_damage_is_not_taken_for_a_deletion(http: httpx.Client, monkeypatch: pytest.MonkeyPatch):
+def test_a_damaged_dataset_is_500_and_not_404(http: httpx.Client, monkeypatch: pytest.MonkeyPatch):
     def damaged(self: object) -> None:
         raise sd.DamagedError("part-1.parquet: bits flipped")
 
@@ -130,7 +132,7 @@ def test_damage_is_not_taken_for_a_deletion(http: httpx.Client, monkeypatch: pyt
     assert http.get("v1/datasets/drives/pairs").status_code == 500
 
 
-def test_a_dataset_is_deleted_when_nobody_writes_to_it_and_its_name_is_free(
+def test_a_dataset_is_deleted_unless_written_to_and_its_name_is_free_then(
     folder: Path, local: sd.Store
 ):
     with embed(folder, jobs=1) as first, embed(folder, jobs=1) as second:
@@ -145,7 +147,7 @@ def test_a_dataset_is_deleted_when_nobody_writes_to_it_and_its_name_is_free(
         assert len(second["drives"]) == 7
 
 
-def test_no_episode_is_no_unchanged_one(http: httpx.Client):
+def test_an_unknown_episode_is_404_and_not_304(http: httpx.Client):
     known = {"If-None-Match": "*"}
     path = "v1/datasets/drives/pairs"
     assert http.get(path, params={"episode": 3}, headers=known).status_code == 304

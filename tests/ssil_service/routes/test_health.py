@@ -17,7 +17,7 @@ LCOR = "v1/datasets/drives/runs/vae/lcor"
 BODY = {"states": [[1.0, 2.0, 3.0]]}
 
 
-def test_health_limits_and_metrics_are_told(http: httpx.Client):
+def test_health_limits_and_metrics_are_answered(http: httpx.Client):
     assert http.get("healthz").json() == {"status": "ok"}
     assert http.get("readyz").json() == {"status": "ok"}
     limits = http.get("v1/limits").json()
@@ -33,7 +33,7 @@ def test_health_limits_and_metrics_are_told(http: httpx.Client):
     assert 'ssil_jobs{state="queued"} 0.0' in text
 
 
-def test_methods_that_clients_make_up_are_one_label(http: httpx.Client):
+def test_unknown_methods_share_one_label(http: httpx.Client):
     for number in range(20):
         assert http.request(f"FOO{number}", "v1/datasets").status_code == 405
     text = http.get("metrics").text
@@ -57,7 +57,7 @@ def test_rows_of_the_inference_protocol_are_counted(http: httpx.Client):
     ],
 )
 @pytest.mark.parametrize("path", ["v1/limits", "v2"])
-def test_what_nobody_expected_is_a_problem(
+def test_an_unexpected_error_is_a_problem(
     fault: Exception, status: int, path: str, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ):
     def fails(*_: object) -> None:
@@ -74,7 +74,7 @@ def test_what_nobody_expected_is_a_problem(
     assert "secret" not in answer.text
 
 
-def test_who_hangs_up_is_no_fault_of_the_service(raw: Any, server: Server):
+def test_a_client_that_disconnects_counts_as_499(raw: Any, server: Server):
     head = b"PUT /v1/datasets/cut HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9999\r\n"
     raw(head + b"Content-Type: application/vnd.apache.parquet\r\n\r\nhalf").close()
     found: list[str] = []
@@ -86,7 +86,7 @@ def test_who_hangs_up_is_no_fault_of_the_service(raw: Any, server: Server):
     assert found == ["499"]
 
 
-def test_a_request_id_is_taken_or_given_and_stands_in_the_log(server: Server, served_folder: Path):
+def test_a_request_id_is_kept_or_made_and_logged(server: Server, served_folder: Path):
     answer = httpx.get(f"{server.url}/v1/datasets", headers={"X-Request-ID": "my-request.1"})
     assert answer.headers["x-request-id"] == "my-request.1"
     odd = httpx.get(f"{server.url}/v1/datasets", headers={"X-Request-ID": 'a"b c'})

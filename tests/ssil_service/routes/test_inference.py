@@ -111,7 +111,7 @@ def test_an_estimator_scores_pairs(shared_http: httpx.Client, dataset: sd.Datase
         ({"parameters": {"binary_data_size": 12}}, 422),
     ],
 )
-def test_odd_tensors_are_refused_in_the_words_of_the_protocol(
+def test_invalid_tensors_are_refused_with_the_protocols_error_field(
     change: dict, status: int, shared_http: httpx.Client
 ):
     given = {"name": "states", "shape": [1, 3], "datatype": "FP32", "data": [1.0, 2.0, 3.0]}
@@ -128,7 +128,7 @@ def test_an_unknown_model_or_version_is_not_found(name: str, shared_http: httpx.
     assert shared_http.get(f"{LCOR}/versions/{'0' * 16}/ready").status_code == 404
 
 
-def test_a_version_that_is_named_is_answered_however_the_dataset_has_grown(
+def test_a_named_version_is_answered_after_the_dataset_has_grown(
     http: httpx.Client, local: sd.Store, states: np.ndarray
 ):
     before, body = local["drives"], {"inputs": [tensor("states", states)]}
@@ -146,7 +146,7 @@ def test_a_version_that_is_named_is_answered_however_the_dataset_has_grown(
     assert http.get(f"{LCOR}/versions/{newest}").status_code == 404
 
 
-def test_a_name_with_two_meanings_is_refused_unless_its_version_tells_which(
+def test_an_ambiguous_name_is_refused_unless_its_version_decides(
     http: httpx.Client, local: sd.Store
 ):
     names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}

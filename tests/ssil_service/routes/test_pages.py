@@ -3,7 +3,7 @@
 import httpx
 
 
-def test_what_the_client_has_is_not_sent_again(http: httpx.Client):
+def test_an_unchanged_answer_is_304(http: httpx.Client):
     for path in (
         "v1/datasets",
         "v1/datasets/drives",
@@ -22,7 +22,7 @@ def test_what_the_client_has_is_not_sent_again(http: httpx.Client):
         assert http.head(path, headers={"If-None-Match": tag}).status_code == 304
 
 
-def test_leverage_is_asked_by_episode_and_steps_and_page(http: httpx.Client):
+def test_leverage_is_filtered_by_episode_and_steps_and_paged(http: httpx.Client):
     path = "v1/datasets/drives/runs/vae/leverage"
     some = http.get(path, params={"episode": 3, "first_step": 5, "last_step": 8}).json()
     assert (some["episode"], some["step"]) == ([3] * 4, [5, 6, 7, 8])
@@ -47,6 +47,6 @@ def test_headers_on_several_lines_are_one_list(http: httpx.Client):
     assert http.get(path, headers=kinds[:1]).status_code == 406
 
 
-def test_rows_of_an_episode_that_is_not_there_are_not_found(http: httpx.Client):
+def test_rows_of_an_unknown_episode_are_404(http: httpx.Client):
     for path in ("v1/datasets/drives/pairs", "v1/datasets/drives/runs/vae/leverage"):
         assert http.get(path, params={"episode": 99_999}).status_code == 404
