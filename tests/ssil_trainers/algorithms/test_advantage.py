@@ -55,7 +55,7 @@ def test_gae_is_its_defining_sum(steps: int, seed: int, discount: float, gae_lam
 
 
 @pytest.mark.parametrize(("terminated", "worth"), [(True, 0.0), (False, 10.0)])
-def test_a_time_limit_is_worth_the_next_state_and_a_real_end_nothing(
+def test_the_future_is_worth_the_next_state_at_a_time_limit_and_zero_at_a_real_end(
     terminated: bool, worth: float
 ) -> None:
     found = compute_advantages(

@@ -68,7 +68,7 @@ def test_conjugate_gradient_solves_as_a_dense_solver() -> None:
     torch.testing.assert_close(found, torch.linalg.solve(matrix, right))
 
 
-def test_conjugate_gradient_of_nothing_is_nothing() -> None:
+def test_conjugate_gradient_of_a_zero_right_hand_side_is_zero() -> None:
     assert not conjugate_gradient(lambda v: v, torch.zeros(4), steps=3).any()
 
 
@@ -115,7 +115,7 @@ def test_a_step_that_breaks_the_bound_is_shortened(monkeypatch: pytest.MonkeyPat
     assert 0.3 * kl < float(old.kl_to(of(states)).detach()) < kl
 
 
-def test_without_advantage_and_bonus_nothing_moves() -> None:
+def test_without_advantage_and_entropy_bonus_the_policy_stays() -> None:
     of = policy()
     before = parameters_to_vector(of.parameters()).detach().clone()
     states, actions, _ = batch(of)

@@ -110,7 +110,7 @@ def test_the_help_describes_every_method() -> None:
         (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
     ],
 )
-def test_what_cannot_be_trained_is_refused_before_anything_is_written(
+def test_a_wrong_training_command_is_refused_before_anything_is_written(
     pendulum: Dataset,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

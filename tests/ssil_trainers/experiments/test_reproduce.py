@@ -181,7 +181,7 @@ def test_workers_have_one_thread_and_are_stopped_by_ctrl_c():
     assert os.environ.get("OMP_NUM_THREADS") == before
 
 
-def test_a_full_score_on_the_rc_car_is_what_its_expert_drives_on_every_test_track():
+def test_the_rc_expert_reaches_the_full_score_on_every_test_track():
     for test in RC_LIDAR.tests:
         env = make_single(test)
         expert = PurePursuit(cast(RCLidarEnv, env.unwrapped), ahead=RCSettings().ahead)
@@ -257,7 +257,7 @@ def test_the_paper_preset_is_the_papers_leverage_and_loop(monkeypatch: pytest.Mo
         ["--training.kl", "0.02"],
     ],
 )
-def test_only_the_whole_run_goes_where_its_result_is_kept(
+def test_only_the_whole_run_goes_into_the_documentation_by_default(
     words: list[str], monkeypatch: pytest.MonkeyPatch
 ):
     assert planned(words, monkeypatch).output == Path("reproduction")

@@ -99,7 +99,7 @@ def test_one_seed_has_no_deviation():
     assert deviation([0.3]) is None
 
 
-def test_equal_methods_are_told_apart_as_often_as_trials_one_by_one_are():
+def test_the_false_verdict_rate_is_that_of_trials_one_by_one():
     def deviate(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         return second.std(axis=1) - first.std(axis=1)
 
@@ -113,5 +113,5 @@ def test_equal_methods_are_told_apart_as_often_as_trials_one_by_one_are():
         assert false_verdict_rate(excess, seeds, 0.95) == pytest.approx(expected, abs=0.06)
 
 
-def test_a_stricter_level_tells_equal_methods_apart_less_often():
+def test_a_stricter_level_has_fewer_false_verdicts():
     assert false_verdict_rate(higher, 4, 0.99) < false_verdict_rate(higher, 4, 0.9)

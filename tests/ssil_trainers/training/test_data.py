@@ -13,7 +13,7 @@ from ssil_trainers.training.data import measure_expert_return
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
 
-def test_the_experts_return_is_what_a_score_of_one_is(store: Store) -> None:
+def test_the_experts_return_is_the_return_of_score_one(store: Store) -> None:
     def episode(score: float | None, ending: str, total: float) -> Episode:
         plain = drive(1, 10, score=score, ending=ending)
         return replace(plain, rewards=np.full(10, total / 10, np.float32))

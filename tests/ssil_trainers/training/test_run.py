@@ -117,7 +117,7 @@ def test_a_checkpoint_of_version_0_1_is_resumed_though_a_setting_has_a_new_name(
         train_toy(tmp_path / "cut", resume=True, centered=False)
 
 
-def test_a_finished_run_goes_on_to_what_a_longer_one_gives(tmp_path: Path) -> None:
+def test_a_finished_run_extended_equals_a_longer_run(tmp_path: Path) -> None:
     longer = SETTINGS.steps + 4 * 80
     train_toy(tmp_path / "whole", steps=longer)
     train_toy(tmp_path / "cut")
@@ -127,7 +127,7 @@ def test_a_finished_run_goes_on_to_what_a_longer_one_gives(tmp_path: Path) -> No
         np.testing.assert_array_equal(one[0], other[0])
 
 
-def test_other_random_numbers_meanwhile_change_nothing(tmp_path: Path) -> None:
+def test_random_numbers_drawn_elsewhere_change_no_byte(tmp_path: Path) -> None:
     one = train_toy(None).policy
     np.random.seed(5)  # noqa: NPY002
     torch.manual_seed(5)
@@ -148,7 +148,7 @@ def test_after_ctrl_c_the_policy_so_far_can_be_driven(tmp_path: Path) -> None:
     assert np.isfinite(policy(demonstrations().states)).all()
 
 
-def test_a_checkpoint_is_not_overwritten_unasked(tmp_path: Path) -> None:
+def test_a_checkpoint_is_not_overwritten_without_resume(tmp_path: Path) -> None:
     train_toy(tmp_path)
     with pytest.raises(ConflictError, match="--resume goes on"):
         train_toy(tmp_path)
@@ -165,7 +165,7 @@ def test_fewer_steps_than_a_policy_has_learned_for_leave_it_alone(
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
-def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_run_is_refused_with_the_difference(tmp_path: Path) -> None:
     train_toy(tmp_path)
     with pytest.raises(ConflictError, match=r"kl 0.01 as before, found 0.02"):
         train_toy(tmp_path, kl=0.02, resume=True)

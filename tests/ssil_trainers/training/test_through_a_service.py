@@ -140,7 +140,7 @@ def test_without_a_url_the_command_embeds_a_service(
         assert isinstance(store, Store)
 
 
-def test_a_service_killed_in_the_middle_and_restarted_only_delays(
+def test_a_service_killed_and_restarted_in_the_middle_changes_no_byte(
     toy_store: Store,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -208,7 +208,7 @@ class Troubled(httpx.BaseTransport):
         self.inner.close()
 
 
-def test_a_busy_service_and_lost_answers_only_delay(toy_store: Store, tmp_path: Path) -> None:
+def test_a_busy_service_and_lost_answers_change_no_byte(toy_store: Store, tmp_path: Path) -> None:
     expected = undisturbed(toy_store, tmp_path / "alone")
     app = create_app(read_settings(store=toy_store.folder.uri, state=tmp_path / "state"))
     troubled = Troubled(EmbeddedTransport(app))
@@ -226,7 +226,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
     return capsys.readouterr().err
 
 
-def test_a_service_that_does_not_come_back_leaves_what_can_be_resumed(
+def test_a_run_whose_service_does_not_come_back_can_be_resumed(
     toy_store: Store,
     server: Server,
     tmp_path: Path,
