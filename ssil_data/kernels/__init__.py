@@ -29,7 +29,7 @@ call runs, in the order in which it meets the modules:
                    power, products, and the smallest distance in the panel
 
 5. `exact.exact_sums` rescales the sums to the nearest reference (`log_scale`), runs the pass again
-   for queries whose weights float32 could not hold, and finds the nearest references by name in
+   for queries whose weights float32 could not hold, and finds which references are nearest, in
    the panels whose smallest distance is least.
 6. The result is `Sums` (module `sums`): Σ l w, Σ w, Σ w². Their ratio is LCoR; (Σ w)² / Σ w² is the
    effective sample size. Sums over shards add up.
@@ -44,8 +44,9 @@ The sampled way answers from a random part, with an error bound, where the refer
    `MOMENTS` in place of `SUMS`; `moments` adds the parts up.
 3. `regression` regresses the kernel on leverage and distance, whose totals are known from step 1,
    and estimates LCoR with a standard deviation and bounds (`estimates.Estimate`).
-4. `sampled.Sampled` lets the sample grow until the half-width is small enough or the time is over,
-   and answers exactly where that is faster.
+4. `query_estimates` adds up the moments of some queries while the sample grows. `sampled.Sampled`
+   lets it grow until the half-width is small enough or the time is over, and answers exactly where
+   that is faster.
 """
 
 from ssil_data.kernels.estimates import Estimate

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.kernels.estimates import Estimate
-from ssil_data.kernels.moments import Population, SampleMoments
+from ssil_data.kernels.moments import Population
 from ssil_data.kernels.native import Target
+from ssil_data.kernels.query_estimates import QueryEstimates
 from ssil_data.kernels.references import HOST, MIN_COMPILED_ALPHA, References
-from ssil_data.kernels.regression import estimate
 from ssil_data.kernels.rows import Rows, find_center
 from ssil_data.kernels.sample import FIRST_PART, Sample
-from ssil_data.kernels.totals import DistanceSums, Totals
+from ssil_data.kernels.totals import Totals
 
 MIN_STATES_TO_SAMPLE = 8 * FIRST_PART
 """References below which exact sums are faster than a sample."""
@@ -230,12 +230,12 @@ class Sampled:
 
     def _estimate_queries(
         self, queries: NDArray[np.float32], alpha: float, seed: int, threads: int | None
-    ) -> _QueryEstimates:
+    ) -> QueryEstimates:
         tables = self.prepare()
         with self._lock:
             sample = self._samples(seed)
         centered = np.ascontiguousarray(queries - self._center)
-        return _QueryEstimates(
+        return QueryEstimates(
             sample,
             self._population,
             centered,
@@ -251,51 +251,3 @@ class Sampled:
         size = sums.effective_sample_size
         zeros = np.zeros(len(queries))
         return Estimate(sums.values, zeros, zeros, size, size, zeros)
-
-
-class _QueryEstimates:
-    """Centered queries (m, d) and the moments about them of the sample so far."""
-
-    def __init__(
-        self,
-        sample: Sample,
-        population: Population,
-        queries: NDArray[np.float32],
-        *,
-        totals: DistanceSums,
-        alpha: float,
-        threads: int | None,
-    ) -> None:
-        self.sample = sample
-        self._population = population
-        self._queries = queries
-        self._totals = totals
-        self._alpha = alpha
-        self._threads = threads
-        self._distance = totals.plain / population.count
-        self._moments = SampleMoments.zero(len(queries))
-        self._size = 0
-
-    def estimate_with(self, size: int, rows: NDArray[np.int64]) -> Estimate:
-        """Estimate some of the queries from a larger sample than before.
-
-        Parameters
-        ----------
-        size
-            References in the sample; it must not shrink.
-        rows
-            Indices of queries. Those left out once must not come back: their moments lag behind.
-        """
-        grown = self.sample.moments(
-            self._queries[rows],
-            self._distance[rows],
-            self._size,
-            size,
-            alpha=self._alpha,
-            threads=self._threads,
-        )
-        self._moments.sample[:] += grown.sample
-        self._moments.products[:, rows] += grown.products
-        self._size = size
-        totals = self._totals.take(rows)
-        return estimate(self._moments.take(rows), totals, self._population, self._alpha)
