@@ -14,7 +14,8 @@ def summed(rewards, values, next_values, terminated, ended, discount, gae_lambda
     """The defining sum Σ (γλ)^l δ_{t+l}, step by step until the episode ends, in plain Python."""
     result = []
     for t in range(len(rewards)):
-        total, weight = 0.0, 1.0
+        total = 0.0
+        weight = 1.0
         for later in range(t, len(rewards)):
             worth = 0.0 if terminated[later] else next_values[later]
             total += weight * (rewards[later] + discount * worth - values[later])

@@ -119,8 +119,10 @@ def test_the_shaping_reaches_the_policy_and_never_the_discriminator() -> None:
     first = train_toy("ssil", replace(settings, steps=1)).curve[-1].iteration
     assert last.shaping > first.shaping
     assert last.discriminator_reward == pytest.approx(np.log(2))
-    gail, ssil = learner_of("gail"), learner_of("ssil")
-    one, other = gail.iterate(), ssil.iterate()
+    gail = learner_of("gail")
+    ssil = learner_of("ssil")
+    one = gail.iterate()
+    other = ssil.iterate()
     assert (one.accuracy, one.discriminator_reward) == (other.accuracy, other.discriminator_reward)
     assert one.shaping == 0 < other.shaping
     weights = [each.policy.layers()[0][0] for each in (gail, ssil)]

@@ -73,7 +73,8 @@ def test_methods_differ_by_the_shaping() -> None:
 
 
 def test_shuffled_leverage_has_the_same_values_and_follows_the_seed() -> None:
-    of, states = demonstrations(), demonstrations().states[:50]
+    of = demonstrations()
+    states = demonstrations().states[:50]
     one, again, other = (METHODS["shuffled"].shaping(of, seed)(states) for seed in (0, 0, 1))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()

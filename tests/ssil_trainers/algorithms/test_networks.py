@@ -27,7 +27,8 @@ def as_torch(one: Gaussian) -> Independent:
 
 
 def test_gaussian_agrees_with_torch_distributions() -> None:
-    one, other = gaussian(0), gaussian(1)
+    one = gaussian(0)
+    other = gaussian(1)
     actions = torch.randn(7, 3)
     torch.testing.assert_close(one.log_likelihood(actions), as_torch(one).log_prob(actions))
     torch.testing.assert_close(one.entropy(), as_torch(one).entropy()[0])
@@ -51,7 +52,8 @@ def test_two_critics_are_two_networks() -> None:
 def test_a_critic_of_no_reward_stays_zero_while_the_other_learns() -> None:
     critics = TwoCritics(5, 8, discount=0.9)
     adam = torch.optim.Adam(critics.parameters(), lr=0.1, fused=True)
-    states, targets = torch.randn(32, 5), torch.stack([torch.randn(32), torch.zeros(32)])
+    states = torch.randn(32, 5)
+    targets = torch.stack([torch.randn(32), torch.zeros(32)])
     for _ in range(5):
         adam.zero_grad()
         (critics(states) - targets).square().mean().backward()

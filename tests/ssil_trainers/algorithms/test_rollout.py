@@ -23,7 +23,8 @@ class Counter(gymnasium.Env):
     action_space = Box(-3.0, 3.0, (1,))
 
     def __init__(self, limit: int, *, terminates: bool) -> None:
-        self.limit, self.terminates = limit, terminates
+        self.limit = limit
+        self.terminates = terminates
         self.actions: list[float] = []
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:

@@ -63,7 +63,8 @@ def test_fisher_product_is_the_dense_hessian_of_the_kl_divergence() -> None:
 def test_conjugate_gradient_solves_as_a_dense_solver() -> None:
     random = np.random.default_rng(0)
     root = torch.from_numpy(random.normal(size=(12, 12)))
-    matrix, right = root @ root.T + torch.eye(12), torch.from_numpy(random.normal(size=12))
+    matrix = root @ root.T + torch.eye(12)
+    right = torch.from_numpy(random.normal(size=12))
     found = conjugate_gradient(lambda v: matrix @ v, right, steps=30, tolerance=1e-24)
     torch.testing.assert_close(found, torch.linalg.solve(matrix, right))
 
@@ -101,7 +102,8 @@ def test_a_step_that_cannot_improve_is_not_taken(monkeypatch: pytest.MonkeyPatch
 
 def test_a_step_that_breaks_the_bound_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     """A Fisher matrix that is taken for a ninth of itself makes the first step thrice too long."""
-    of, kl = policy(), 0.01
+    of = policy()
+    kl = 0.01
     states, actions, advantages = batch(of)
     old = of(states).detach()
 
@@ -173,8 +175,10 @@ def test_the_step_is_that_of_stable_baselines3_contrib() -> None:
         theirs.log_std.copy_(of.log_sigma)
         likelihood = of(states).log_likelihood(actions).numpy()
     buffer = oracle.rollout_buffer
-    buffer.observations[:, 0], buffer.actions[:, 0] = states.numpy(), actions.numpy()
-    buffer.log_probs[:, 0], buffer.advantages[:, 0] = likelihood, advantages.numpy()
+    buffer.observations[:, 0] = states.numpy()
+    buffer.actions[:, 0] = actions.numpy()
+    buffer.log_probs[:, 0] = likelihood
+    buffer.advantages[:, 0] = advantages.numpy()
     buffer.full = True
     oracle.train()
 
@@ -190,7 +194,8 @@ def test_the_step_is_that_of_stable_baselines3_contrib() -> None:
 
 def test_a_share_of_the_rows_estimates_the_fisher_matrix_of_all() -> None:
     """Every row has the same state, so a quarter of them says the same as all."""
-    of, again = policy(), policy()
+    of = policy()
+    again = policy()
     states, actions, advantages = batch(of, 128)
     states = states[:1].repeat(128, 1)
     TrustRegion(fisher_share=0.25).step(of, states, actions, advantages)

@@ -44,7 +44,9 @@ def fit_of(task: Training) -> Fit:
 def test_there_is_a_cell_for_every_seed_row_and_number_of_labels(plan: Plan):
     names = [task.name for task in plan.tasks]
     assert len(set(names)) == len(names)
-    for_labels, once, scorings = 5 * 2, 1, 2 * 2
+    for_labels = 5 * 2
+    once = 1
+    scorings = 2 * 2
     assert len(names) == 2 * (for_labels + once + scorings)
 
 

@@ -42,7 +42,8 @@ def small(tmp_path_factory: pytest.TempPathFactory, swings_plan: Callable[[Path]
     """A plan of one seed whose cells are all done, and published."""
     plan = swings_plan(tmp_path_factory.mktemp("reproduction"))
     store = plan.output.parent / "store"
-    before, lines = files(store), list[str]()
+    before = files(store)
+    lines = list[str]()
     publish(plan, command.run_plan(plan, workers=1, report=lines.append))
     assert files(store) == before
     assert lines[0] == "0 of 9 cells are done already"
@@ -239,7 +240,8 @@ def test_the_default_seeds_are_three_that_no_setting_was_chosen_by(monkeypatch: 
 
 
 def test_the_paper_preset_is_the_papers_leverage_and_loop(monkeypatch: pytest.MonkeyPatch):
-    usual, paper = planned([], monkeypatch), planned(["--preset", "paper"], monkeypatch)
+    usual = planned([], monkeypatch)
+    paper = planned(["--preset", "paper"], monkeypatch)
     assert (usual.preset, usual.training) == ("default", TrainSettings())
     assert (paper.preset, paper.training) == ("paper", replace(TrainSettings(), **PAPER))
     assert paper.training != usual.training

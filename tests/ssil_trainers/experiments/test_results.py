@@ -11,7 +11,8 @@ from ssil_trainers.experiments.page import describe_saturation
 from ssil_trainers.experiments.results import Results
 from ssil_trainers.experiments.tables import RACETRACK, RC_LIDAR, Row, Table
 
-GAIL, CONSTANT = Row("gail", "GAIL"), Row("constant", "constant reward", labeled=False)
+GAIL = Row("gail", "GAIL")
+CONSTANT = Row("constant", "constant reward", labeled=False)
 
 
 def record(
@@ -67,7 +68,8 @@ def test_a_row_without_labels_has_the_same_results_for_all_numbers_of_labels():
 
 
 def test_estimators_and_tables_are_not_mixed_up():
-    vae, gpr = Row("ssil", "", "vae"), Row("ssil", "", "gpr")
+    vae = Row("ssil", "", "vae")
+    gpr = Row("ssil", "", "gpr")
     results = Results([record(RACETRACK, vae, 100, 0.5), record(RACETRACK, gpr, 100, 0.7)])
     assert results.scores(RACETRACK, vae, 100).tolist() == [0.5]
     assert results.scores(RACETRACK, gpr, 100).tolist() == [0.7]
@@ -75,7 +77,8 @@ def test_estimators_and_tables_are_not_mixed_up():
 
 
 def test_a_rise_of_leverage_is_judged_by_the_papers_scale():
-    rising, falling = [0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]
+    rising = [0.1, 0.2, 0.3, 0.4]
+    falling = [0.4, 0.3, 0.2, 0.1]
     results = Results([leverage("default", 0, falling), leverage("paper", 0, rising)])
     np.testing.assert_array_equal(results.numbers([]).tiers["vae"], [rising])
     shown = {row["preset"]: list(row["tiers"].values()) for row in results.leverage_rows()}

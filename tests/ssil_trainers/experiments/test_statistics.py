@@ -66,7 +66,8 @@ def test_support_is_certain_for_scores_apart_and_even_for_equal_ones():
 
 
 def test_support_is_the_share_of_all_resamples():
-    first, second = [0.0, 1.0, 2.0], [0.5, 0.5, 1.5]
+    first = [0.0, 1.0, 2.0]
+    second = [0.5, 0.5, 1.5]
     excess = [
         np.mean(a) - np.mean(b) for a in product(first, repeat=3) for b in product(second, repeat=3)
     ]

@@ -18,7 +18,9 @@ from ssil_trainers.experiments.verdicts import (
     verdicts_by_chance,
 )
 
-LOW, MIDDLE, HIGH = [0.48, 0.50, 0.52], [0.2, 0.5, 0.8], [0.98, 1.0, 1.02]
+LOW = [0.48, 0.50, 0.52]
+MIDDLE = [0.2, 0.5, 0.8]
+HIGH = [0.98, 1.0, 1.02]
 
 
 def numbers(first: list[float], second: list[float]) -> Numbers:
@@ -137,13 +139,15 @@ def test_claimed_deviations_are_lower_in_the_papers_table():
 def test_three_seeds_cannot_decide_a_deviation_and_say_so():
     shaky = [-9.0, 0.5, 9.0]
     rule = Steadier("t", 100, "a", "b")
-    three, four = rule(numbers(HIGH, shaky)), rule(numbers([*HIGH, 1.01], [*shaky, 3.0]))
+    three = rule(numbers(HIGH, shaky))
+    four = rule(numbers([*HIGH, 1.01], [*shaky, 3.0]))
     assert three.verdict is Verdict.NOT_REPRODUCED and "three seeds cannot" in three.by
     assert four.verdict is Verdict.REPRODUCED and "cannot" not in four.by
 
 
 def test_a_share_of_a_deviation_is_ruled_out_by_its_interval():
-    wide, narrow = np.linspace(0.1, 0.9, 12), np.linspace(0.3, 0.7, 12)
+    wide = np.linspace(0.1, 0.9, 12)
+    narrow = np.linspace(0.3, 0.7, 12)
     both = numbers(list(narrow), list(wide))
     for share, verdict in ((0.6, Verdict.REPRODUCED), (0.1, Verdict.NOT_REPRODUCED)):
         found = Steadier("t", 100, "a", "b", share)(both)
@@ -159,7 +163,8 @@ def test_differences_below_the_margin_are_ties_whatever_their_support():
             found = Exceeds("t", 100, "a", "b")(numbers(first, second))
             assert found.by.endswith("tie") == (verdict == "tie")
             assert (found.verdict is Verdict.NOT_REPRODUCED) == (verdict == "tie")
-    steady, less = [0.5, 0.5, 0.5, 0.5, 0.5], [0.495, 0.5, 0.5, 0.505, 0.502]
+    steady = [0.5, 0.5, 0.5, 0.5, 0.5]
+    less = [0.495, 0.5, 0.5, 0.505, 0.502]
     assert Steadier("t", 100, "a", "b")(numbers(steady, less)).by.endswith("tie")
 
 
@@ -176,7 +181,8 @@ def test_a_factor_beyond_the_highest_score_of_the_table_is_noted_and_changes_no_
 
 
 def test_chance_makes_verdicts_about_equal_methods_in_a_share_that_seeds_decide():
-    three, five = verdicts_by_chance(3), verdicts_by_chance(5)
+    three = verdicts_by_chance(3)
+    five = verdicts_by_chance(5)
     assert three is not None and five is not None
     assert three.means == pytest.approx(0.25, abs=0.03)
     assert five.means == pytest.approx(0.18, abs=0.03)

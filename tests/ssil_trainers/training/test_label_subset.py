@@ -17,7 +17,8 @@ from support.demonstrations import drive
 
 def test_fewer_labels_are_the_first_and_the_unlabeled_stay(store: Store, dataset: Dataset) -> None:
     fewer = limit_labels(store, "drives", 80)
-    before, after = dataset.pairs(), fewer.pairs()
+    before = dataset.pairs()
+    after = fewer.pairs()
     labeled = fewer.per_pair("labeled").astype(bool)
     assert labeled.sum() == 80
     np.testing.assert_array_equal(after.states[labeled], before.states[:80])
@@ -54,6 +55,7 @@ def test_a_run_on_fewer_labels_is_made_as_the_one_on_all(store: Store, dataset: 
     fewer = limit_labels(store, "drives", 80)
     for _ in range(2):
         score_like(fewer, dataset, "vae", lambda what, done, of: None)
-    one, other = dataset.runs["vae"], fewer.runs["vae"]
+    one = dataset.runs["vae"]
+    other = fewer.runs["vae"]
     assert (one.estimator, one.scale, one.seed) == (other.estimator, other.scale, other.seed)
     assert other.labeled_is_one and other.labeled == 80

@@ -58,7 +58,8 @@ KEY = "reads-and-asks-only"
 @pytest.fixture(scope="module")
 def toy_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """A store with the toy's demonstrations, and a run on them."""
-    store, of = Store(tmp_path_factory.mktemp("through") / "store"), demonstrations()
+    store = Store(tmp_path_factory.mktemp("through") / "store")
+    of = demonstrations()
     episodes = [
         Episode(of.states[i : i + 100], of.actions[i : i + 100], labeled=i < 300)
         for i in range(0, len(of.states), 100)
@@ -148,7 +149,8 @@ def test_a_service_killed_and_restarted_in_the_middle_changes_no_byte(
 ) -> None:
     expected = undisturbed(toy_store, tmp_path / "alone")
     servers = [launch(toy_store.folder.uri)]
-    port, killed = int(servers[0].url.rpartition(":")[2]), Event()
+    port = int(servers[0].url.rpartition(":")[2])
+    killed = Event()
 
     def restart() -> None:
         killed.wait()
