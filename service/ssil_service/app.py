@@ -1,7 +1,7 @@
 """The application: its routes, every error as a problem, and the parts that it opens at the start.
 
-The tree of what is called: `Middleware` → `RouteCache` → FastAPI's router → a route, which
-finds the parts in its `Context`.
+A request passes `Middleware`, `RouteCache`, FastAPI's router and a route, which finds the parts in
+its `Context`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ssil_data.errors import SsilDataError
 from ssil_data.store import Store
 from ssil_service.context import Context
 from ssil_service.http.middleware import Middleware
-from ssil_service.http.openapi import allowed_methods, build_document, problems
+from ssil_service.http.openapi import find_methods, build_document, problems
 from ssil_service.http.route_cache import RouteCache
 from ssil_service.jobs.queue import JobQueue
 from ssil_service.metrics import Metrics
@@ -111,7 +111,7 @@ def open_context(settings: Settings, metrics: Metrics) -> Context:
     -------
     Context
         The parts, to be closed. This server has its folder beside those of the store's others,
-        what killed servers left behind is cleared up, and jobs that nobody runs are taken on.
+        what killed servers left behind is cleared up, and their jobs are taken over.
 
     Raises
     ------
@@ -245,7 +245,7 @@ async def _answer_http_error(request: Request, error: HTTPException) -> Response
     if error.status_code == 404:
         detail = f"Path not found: {path[:200]}"
     if error.status_code == 405:
-        methods = ", ".join(allowed_methods(request.app, path))
+        methods = ", ".join(find_methods(request.app, path))
         headers["Allow"] = methods
         detail = f"Method not allowed; this path answers {methods or 'no other'}"
     return Problem(error.status_code, detail, headers=headers).response(path)

@@ -1,6 +1,7 @@
 """The parts of a running service, and where a route lets work be done.
 
-A route runs in the event loop, which answers nobody while it works. There are three kinds of work:
+A route runs in the event loop, which answers no other request meanwhile. There are three kinds of
+work:
 
 - numbers from numbers, `Context.compute`: a small query at once, a large one in the bounded
   executor for computation;

@@ -17,9 +17,10 @@ def stderr(monkeypatch: pytest.MonkeyPatch) -> Iterator[io.StringIO]:
     root = logging.getLogger()
     monkeypatch.setattr(root, "handlers", [])
     monkeypatch.setattr(root, "level", root.level)
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
     start_logging("info")
-    yield sys.stderr
+    yield stream
     root.setLevel(logging.WARNING)  # forgets which levels are logged
 
 
@@ -51,8 +52,12 @@ def test_less_severe_events_are_not_logged(stderr: io.StringIO):
 
 def test_other_loggers_of_the_process_still_know_the_calling_line(stderr: io.StringIO):
     records: list[logging.LogRecord] = []
-    handler = logging.Handler()
-    handler.emit = records.append
+
+    class Recorder(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            records.append(record)
+
+    handler = Recorder()
     other = logging.getLogger("test_logs.other")
     other.addHandler(handler)
     other.error("found")

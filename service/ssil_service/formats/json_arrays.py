@@ -1,7 +1,7 @@
 """Numbers in JSON as checked arrays, parsed by msgspec.
 
-The parser holds Python's interpreter lock, so nobody is answered while it runs: it must be quick
-for any body. Rows are therefore decoded as tuples. The garbage collector drops a tuple of numbers
+While the parser runs, it holds Python's interpreter lock and no request is answered: it must be
+quick for any body. Rows are therefore decoded as tuples. The garbage collector drops a tuple of numbers
 from its books at first sight, but would go through a million lists again and again, which takes
 five times as long as parsing them. And what is not decoded as numbers stays bytes (`msgspec.Raw`):
 a body of a million empty objects makes no object.

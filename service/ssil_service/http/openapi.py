@@ -223,7 +223,7 @@ def _shorten_descriptions(document: dict[str, Any]) -> None:
             operation["description"] = text.partition("\n\nParameters\n")[0]
 
 
-def allowed_methods(app: FastAPI, path: str) -> list[str]:
+def find_methods(app: FastAPI, path: str) -> list[str]:
     """Return the methods that a path answers.
 
     Parameters

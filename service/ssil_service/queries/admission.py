@@ -79,7 +79,7 @@ class BoundedExecutor:
         return await asyncio.shield(future)
 
     def close(self, seconds: float) -> None:
-        """Wait for what is in the threads; what still waits for them is dropped.
+        """Drop the queue, and wait until the threads have finished.
 
         Parameters
         ----------

@@ -89,7 +89,7 @@ class Catalog:
         if version is None or version == newest.version:
             return newest
         key = ("version", name, newest.version, token, version)
-        return await self._cached(
+        return await self._get(
             key, lambda: (Snapshot.of(newest.dataset.at(version)), _SNAPSHOT_BYTES)
         )
 
@@ -141,10 +141,10 @@ class Catalog:
         """
         record = snapshot.run(run)
         key = ("field", snapshot.name, snapshot.version, record.created, run)
-        own: LeverageField = await self._cached(key, lambda: _open_field(snapshot, run))
+        own: LeverageField = await self._get(key, lambda: _open_field(snapshot, run))
         if alpha in (None, record.alpha):
             return own
-        found = await self._cached((*key, alpha), lambda: (own.at(alpha), _sample_bytes(own)))
+        found = await self._get((*key, alpha), lambda: (own.at(alpha), _sample_bytes(own)))
         self.cache.peek(key)  # counts as used: the one that has the states is to be dropped last
         return found
 
@@ -175,7 +175,7 @@ class Catalog:
             archive = snapshot.dataset.runs.model(record)
             return LeverageModel.from_archive(archive, record.fitted_scale), len(archive)
 
-        return await self._cached(key, build)
+        return await self._get(key, build)
 
     async def values(self, snapshot: Snapshot, run: str) -> pa.Table:
         """Return what a run says of every pair.
@@ -204,7 +204,7 @@ class Catalog:
             table = snapshot.dataset.runs.values(run).combine_chunks()
             return table, table.nbytes
 
-        return await self._cached(key, build)
+        return await self._get(key, build)
 
     async def pairs(self, snapshot: Snapshot) -> Pairs:
         """Return all pairs of a dataset.
@@ -224,7 +224,7 @@ class Catalog:
             pairs = snapshot.dataset.pairs()
             return pairs, pairs.states.nbytes + pairs.actions.nbytes + 16 * len(pairs)
 
-        return await self._cached(("pairs", snapshot.name, snapshot.version), build)
+        return await self._get(("pairs", snapshot.name, snapshot.version), build)
 
     def names(self) -> list[str]:
         """Return the names of all datasets."""
@@ -241,7 +241,7 @@ class Catalog:
         Returns
         -------
         bool
-            False if there is one, and for an object store, which would have to be asked.
+            False if there is one, and for an object store, where looking takes a request.
         """
         local = self.store.folder.local
         return local is not None and not (local / check_name("dataset", name)).is_dir()
@@ -284,7 +284,7 @@ class Catalog:
     def _open(self, name: str) -> Snapshot:
         return self._check_deleted(name, lambda: Snapshot.of(self.store[name]))
 
-    async def _cached(self, key: tuple[Any, ...], build: Callable[[], tuple[Any, int]]) -> Any:
+    async def _get(self, key: tuple[Any, ...], build: Callable[[], tuple[Any, int]]) -> Any:
         return await self.cache.get(key, lambda: self._check_deleted(key[1], build))
 
     def _check_deleted(self, name: str, work: Callable[[], Found]) -> Found:
