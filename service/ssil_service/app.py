@@ -22,7 +22,7 @@ from ssil_data.errors import SsilDataError
 from ssil_data.store import Store
 from ssil_service.context import Context
 from ssil_service.http.middleware import Middleware
-from ssil_service.http.openapi import find_methods, build_document, problems
+from ssil_service.http.openapi import build_document, find_methods, problems
 from ssil_service.http.route_cache import RouteCache
 from ssil_service.jobs.queue import JobQueue
 from ssil_service.metrics import Metrics

@@ -1,10 +1,10 @@
 """Numbers in JSON as checked arrays, parsed by msgspec.
 
 While the parser runs, it holds Python's interpreter lock and no request is answered: it must be
-quick for any body. Rows are therefore decoded as tuples. The garbage collector drops a tuple of numbers
-from its books at first sight, but would go through a million lists again and again, which takes
-five times as long as parsing them. And what is not decoded as numbers stays bytes (`msgspec.Raw`):
-a body of a million empty objects makes no object.
+quick for any body. Rows are therefore decoded as tuples. The garbage collector drops a tuple of
+numbers from its books at first sight, but would go through a million lists again and again, which
+takes five times as long as parsing them. And what is not decoded as numbers stays bytes
+(`msgspec.Raw`): a body of a million empty objects makes no object.
 
 Only a bad body is looked through cell by cell, and no further than its first hundred faults.
 """
