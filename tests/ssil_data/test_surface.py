@@ -217,7 +217,8 @@ def test_a_model_gives_new_pairs_a_leverage(dataset: Any, truth: Dataset):
     new = drive(77, 15)
     pairs = sd.Pairs(new.states, new.actions, np.zeros(15, int), np.arange(15))
     for run in ("mdn", "old"):
-        found, expected = dataset.model(run)(pairs), truth.model(run)(pairs)
+        found = dataset.model(run)(pairs)
+        expected = truth.model(run)(pairs)
         assert_array_equal(found.leverage, expected.leverage)
         assert_array_equal(found.uncertainty, expected.uncertainty)
         assert set(found.parts) == set(expected.parts)

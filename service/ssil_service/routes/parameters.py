@@ -7,6 +7,7 @@ all others. Routes without any depend on `NO_PARAMETERS`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 from fastapi import Depends, Path, Query
@@ -19,6 +20,7 @@ from ssil_service.schemas.requests import NAME
 MOST_CONTRIBUTORS = 256
 MOST_SECONDS = 60.0
 _MOST_INTEGER = 2**63 - 1
+_LCOR_OPTIONS = tuple(option.name for option in fields(LCoRQuery))
 
 DatasetName = Annotated[str, Path(pattern=NAME, description="A dataset of the store.")]
 RunName = Annotated[str, Path(pattern=NAME, description="A run of the dataset.")]
@@ -140,8 +142,7 @@ class LCoRParameters(CoRParameters):
 
     def query(self) -> LCoRQuery:
         """Return the options as the library takes them; raises InvalidInputError for conflicts."""
-        own = LCoRParameters.model_fields.keys() - CoRParameters.model_fields.keys() - {"sums"}
-        return LCoRQuery(**{name: getattr(self, name) for name in own})
+        return LCoRQuery(**{name: getattr(self, name) for name in _LCOR_OPTIONS})
 
     def refuse_sampling_with_sums(self) -> None:
         """Raise a Problem if sums over all pairs are to be made from a random part of them."""

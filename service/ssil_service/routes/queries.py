@@ -33,6 +33,8 @@ from ssil_service.schemas.responses import CoRAnswer, LCoRAnswer, ScoreAnswer, S
 router = APIRouter(prefix="/v1/datasets/{dataset}/runs/{run}", tags=["queries"])
 
 _PROBLEMS = problems(404, 406, 408, 409, 413, 415, 422)
+_PLAIN = LCoRQuery()
+"""A query without options, which may be computed in a batch with others."""
 
 
 @router.post(
@@ -61,7 +63,7 @@ async def lcor(
     if parameters.sums:
         sums = await here.compute(size, lambda: field.sums(states, contributors=query.contributors))
         columns = _sums_columns(sums)
-    elif query == LCoRQuery() and size <= here.batching.most:
+    elif query == _PLAIN and size <= here.batching.most:
         columns = _lcor_columns(await here.batching.lcor(field, states))
     else:
         answer = await here.compute(size, lambda: field.lcor(states, **asdict(query)))

@@ -10,17 +10,20 @@ from ssil_service import embed
 
 
 def test_a_field_answers_bit_for_bit_like_the_local_one(dataset: RemoteDataset, local: sd.Store):
-    remote, here = dataset.field("mdn"), local["drives"].field("mdn")
+    remote = dataset.field("mdn")
+    here = local["drives"].field("mdn")
     states = local["drives"].pairs().states[::7]
     assert remote.alpha == here.alpha
     for options in ({}, {"contributors": 4}, {"tolerance": 0.05}, {"tolerance": 1.0, "seed": 3}):
-        found, expected = remote.lcor(states, **options), here.lcor(states, **options)
+        found = remote.lcor(states, **options)
+        expected = here.lcor(states, **options)
         for name in ("values", "effective_sample_size", "half_width"):
             assert_array_equal(getattr(found, name), getattr(expected, name))
         assert_array_equal(found.contributors.row, expected.contributors.row)
         assert_array_equal(found.contributors.share, expected.contributors.share)
     assert_array_equal(remote.cor(states), here.cor(states))
-    sums, expected = remote.sums(states, contributors=2), here.sums(states, contributors=2)
+    sums = remote.sums(states, contributors=2)
+    expected = here.sums(states, contributors=2)
     for name in ("numerator", "denominator", "squares", "log_scale", "nearest", "nearest_weight"):
         assert_array_equal(getattr(sums, name), getattr(expected, name))
 

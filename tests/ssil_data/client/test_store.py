@@ -39,7 +39,8 @@ def test_a_dataset_written_over_rest_is_the_one_written_locally(
     assert there.card == here.card
     assert there.episodes.equals(here.episodes)
     assert_array_equal(there.episode(0).states, here.episode(0).states)
-    longer, expected = there.append([drive(4, 6)]), here.append([drive(4, 6)])
+    longer = there.append([drive(4, 6)])
+    expected = here.append([drive(4, 6)])
     assert (longer.version, len(there)) == (expected.version, 14)
     with pytest.raises(sd.ConflictError):
         remote.create("written", [full], **names)

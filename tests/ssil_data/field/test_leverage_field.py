@@ -29,8 +29,10 @@ def kernel(distance: float, alpha: float) -> float:
 
 def lcor_by_double_loop(field: LeverageField, queries: np.ndarray) -> tuple[list, list]:
     shift, scale = (getattr(field.standardizer, n).astype(np.float64) for n in ("shift", "scale"))
-    states, asked = (field.states.astype(np.float64) - shift) / scale, (queries - shift) / scale
-    values, sizes = [], []
+    states = (field.states.astype(np.float64) - shift) / scale
+    asked = (queries - shift) / scale
+    values = []
+    sizes = []
     for query in asked:
         numerator = denominator = squares = 0.0
         for state, leverage in zip(states, field.leverage, strict=True):
@@ -57,7 +59,8 @@ def test_lcor_is_the_double_loop(alpha: float):
 def test_cor_in_closed_form_is_the_double_loop(alpha: float):
     field = made(2, 200, alpha=alpha)
     queries = made(3, 20).states
-    states, asked = field.standardizer(field.states), field.standardizer(queries)
+    states = field.standardizer(field.states)
+    asked = field.standardizer(queries)
     expected = []
     for query in asked.astype(np.float64):
         weights = []
@@ -71,7 +74,8 @@ def test_cor_in_closed_form_is_the_double_loop(alpha: float):
 @given(st.integers(0, 2**31), st.sampled_from(ALPHAS))
 def test_cor_of_exchanged_sides_adds_up_to_one(seed: int, alpha: float):
     field = made(seed, 30)
-    expert, negative = Moments.of(field.states[:10]), Moments.of(field.states[10:])
+    expert = Moments.of(field.states[:10])
+    negative = Moments.of(field.states[10:])
     total = cor(field.states, expert, negative, alpha) + cor(field.states, negative, expert, alpha)
     np.testing.assert_allclose(total, 1, atol=1e-12)
 
@@ -102,7 +106,8 @@ def test_lcor_of_constant_leverage_is_that_constant(seed: int, alpha: float, con
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: float):
-    field, queries = made(4, 20_000, alpha=alpha), made(5, 130).states
+    field = made(4, 20_000, alpha=alpha)
+    queries = made(5, 130).states
     order = np.random.default_rng(6).permutation(20_000)
     shuffled = LeverageField(
         field.states[order], field.leverage[order], field.labeled[order], field.standardizer, alpha
@@ -119,8 +124,10 @@ def test_lcor_does_not_depend_on_the_order_or_the_blocks_of_the_store(alpha: flo
     ids=["float32 engine", "plain"],
 )
 def test_sums_over_shards_add_up_to_the_store(lcor_sums, absolute: float, relative: float):
-    field, queries = made(7, 500), made(8, 9).states
-    states, asked = field.standardizer(field.states), field.standardizer(queries)
+    field = made(7, 500)
+    queries = made(8, 9).states
+    states = field.standardizer(field.states)
+    asked = field.standardizer(queries)
     for alpha in ALPHAS:
         whole = lcor_sums(asked, states, field.leverage, alpha=alpha, contributors=3)
         left = lcor_sums(asked, states[:123], field.leverage[:123], alpha=alpha, contributors=3)
@@ -134,8 +141,10 @@ def test_sums_over_shards_add_up_to_the_store(lcor_sums, absolute: float, relati
 
 
 def test_contributors_are_the_nearest_states_and_their_share_of_the_weight():
-    field, queries = made(9, 300, alpha=3.0), made(10, 7).states
-    states, asked = field.standardizer(field.states), field.standardizer(queries)
+    field = made(9, 300, alpha=3.0)
+    queries = made(10, 7).states
+    states = field.standardizer(field.states)
+    asked = field.standardizer(queries)
     top = field.lcor(queries, contributors=5).contributors
     for query, rows, shares in zip(asked, top.row, top.share, strict=True):
         distance = np.abs(states - query).sum(axis=1)
@@ -151,7 +160,8 @@ def test_more_contributors_than_states_are_all_states():
 @pytest.mark.parametrize(("wanted", "columns"), [(12_000, 12_000), (30_000, 20_000)])
 def test_contributors_may_be_more_than_a_block_of_states(wanted: int, columns: int):
     field = made(11, 20_000)
-    states, query = field.standardizer(field.states), field.standardizer(made(12, 1).states)
+    states = field.standardizer(field.states)
+    query = field.standardizer(made(12, 1).states)
     sums = lcor_sums(query, states, field.leverage, alpha=1.0, contributors=wanted)
     assert sums.nearest.shape == sums.nearest_weight.shape == (1, columns)
     assert len(set(sums.nearest[0].tolist())) == columns
@@ -168,7 +178,8 @@ def test_a_negative_number_of_contributors_is_refused():
 
 
 def test_units_do_not_matter():
-    field, queries = made(13, 100), made(14, 6).states
+    field = made(13, 100)
+    queries = made(14, 6).states
     unit = np.array([1e-3, 1, 1e3, 7, 50], np.float32)
     scaled = LeverageField(
         field.states * unit,

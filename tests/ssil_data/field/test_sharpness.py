@@ -11,7 +11,8 @@ from ssil_data.field.sharpness import ALPHA_RANGE
 @pytest.mark.parametrize("share", [0.05, 0.1, 0.5])
 def test_auto_alpha_makes_an_answer_rest_on_the_wanted_share_of_the_store(share: float):
     made_states = np.random.default_rng(15).normal(size=(5200, 29)).astype(np.float32)
-    queries, states = made_states[:200], made_states[200:]
+    queries = made_states[:200]
+    states = made_states[200:]
     field = LeverageField(
         states,
         np.ones(5000, np.float32),

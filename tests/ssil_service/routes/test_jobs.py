@@ -106,7 +106,8 @@ def test_a_job_is_made_once_under_one_key(http: httpx.Client):
 def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
     http: httpx.Client, local: sd.Store
 ):
-    key, body = {"Idempotency-Key": "once-for-all"}, {**QUICK, "run": "mine"}
+    key = {"Idempotency-Key": "once-for-all"}
+    body = {**QUICK, "run": "mine"}
     first = ended(http, http.post(RUNS, json=body, headers=key).json()["job"])
     local["drives"].append([drive(9, 5)])
     again = http.post(RUNS, json=body, headers=key)

@@ -80,7 +80,8 @@ def test_pairs_never_seen_get_the_leverage_of_the_local_model(
     shared_http: httpx.Client, scored: Path
 ):
     rng = np.random.default_rng(1)
-    states, actions = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
+    states = rng.normal(size=(9, 3))
+    actions = rng.normal(size=(9, 2))
     body = {"states": states.tolist(), "actions": actions.tolist()}
     answer = shared_http.post(SCORE, json=body).json()
     model = sd.Store(scored)["drives"].model("vae")
@@ -124,7 +125,8 @@ def test_every_offending_cell_is_named_by_row_and_column(shared_http: httpx.Clie
 
 def test_numbers_that_overflow_float32_are_refused_by_place(shared_http: httpx.Client):
     states = np.ones((4, 3))
-    states[2, 1], states[3, 0] = 1e300, np.nan
+    states[2, 1] = 1e300
+    states[3, 0] = np.nan
     table = pa.table({"state": rows_of_matrix(states)})
     for media, content in ((ARROW, encode(table).to_pybytes()), (PARQUET, parquet(table))):
         answer = shared_http.post(LCOR, content=content, headers={"Content-Type": media})
@@ -268,7 +270,8 @@ def test_sums_of_a_part_of_the_pairs_are_refused(option: str, shared_http: httpx
 
 def test_heads_are_told_without_bodies(shared_http: httpx.Client):
     for path in ("healthz", "readyz", "v1/datasets/drives/pairs"):
-        told, whole = shared_http.head(path), shared_http.get(path)
+        told = shared_http.head(path)
+        whole = shared_http.get(path)
         assert (told.status_code, told.content) == (200, b"")
         assert told.headers["content-length"] == str(len(whole.content))
 

@@ -86,7 +86,8 @@ def test_what_is_no_table_or_no_demonstration_is_refused_and_leaves_nothing(
 
 def test_a_refusal_names_row_and_column(http: httpx.Client):
     odd = TABLE.set_column(0, "speed", pa.array([1.0, np.inf, 3.0, 4.0, 5.0]))
-    content, headers = encode(odd).to_pybytes(), {"Content-Type": ARROW}
+    content = encode(odd).to_pybytes()
+    headers = {"Content-Type": ARROW}
     answer = http.put("v1/datasets/odd", params=LAYOUT, content=content, headers=headers)
     assert "row 1" in answer.json()["detail"] and "speed" in answer.json()["detail"]
 
@@ -130,7 +131,8 @@ def test_as_many_batches_are_taken_as_are_told_and_no_more(http: httpx.Client):
         part = pa.table({"state": rows_of_matrix(np.ones((1, 3), np.float32))})
         return encode(pa.concat_tables([part] * batches)).to_pybytes()
 
-    path, headers = "v1/datasets/drives/runs/vae/lcor", {"Content-Type": ARROW}
+    path = "v1/datasets/drives/runs/vae/lcor"
+    headers = {"Content-Type": ARROW}
     assert http.post(path, content=body(MOST_BATCHES), headers=headers).status_code == 200
     refused = http.post(path, content=body(MOST_BATCHES + 1), headers=headers)
     assert refused.status_code == 413
@@ -184,7 +186,8 @@ def test_metadata_that_names_nothing_is_refused(http: httpx.Client):
 def test_changes_meant_for_another_version_are_refused(http: httpx.Client, local: sd.Store):
     headers = {"Content-Type": ARROW}
     body = episodes_body([drive(0, 5)], STATE_NAMES, ACTION_NAMES, "")
-    path, more = "v1/datasets/drives", "v1/datasets/drives/episodes"
+    path = "v1/datasets/drives"
+    more = "v1/datasets/drives/episodes"
     tag = http.get(path).headers["etag"]
     for known in ('"other"', f"W/{tag}"):
         old = {**headers, "If-Match": known}
