@@ -211,7 +211,7 @@ def rescore(
         )
     started_at = time.perf_counter()
     original = source.runs.of_any_version(source_run)
-    model = source.model(source_run)
+    model = LeverageModel.from_archive(source.runs.model(original), original.fitted_scale)
     if run is not None:
         dataset.runs.check_unused(run)
     streamed = _stream_dataset(dataset, model.estimator, progress or _ignore_progress)
