@@ -19,7 +19,7 @@ from ssil_data.field.query import check_contributors
 from ssil_data.kernels import Sums, check_alpha
 from ssil_data.scoring import Scored
 from ssil_data.store.arrow_schema import PARTS
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 
 _HEADERS = {"Content-Type": ARROW, "Accept": ARROW}
 _LCOR_COLUMNS = [field.name for field in fields(LCoR) if field.name != "contributors"]

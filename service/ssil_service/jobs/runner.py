@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ssil_data.errors import DamagedError, NotFoundError, SsilDataError
 from ssil_data.store import Store
-from ssil_data.store.runs import Run
+from ssil_data.store.run_record import Run
 from ssil_service.jobs.journal import JobRecord
 from ssil_service.problems import Problem, of_library
 from ssil_service.workers.pool import AssignWorker, Pool
