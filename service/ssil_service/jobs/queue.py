@@ -250,7 +250,7 @@ class JobQueue:
         Returns
         -------
         dict
-            The job as clients see it; a running job is shown as cancelled once its worker ended.
+            The job as clients see it; a running job is shown as `cancelled` once its worker ended.
 
         Raises
         ------

@@ -190,7 +190,7 @@ class JobRegistry:
         self._journal.write(job.record)
 
     def assign_worker(self, job: Job, worker: Worker | None) -> None:
-        """Note the worker that runs a job, so that cancelling the job kills it.
+        """Note the worker that runs a job, so that canceling the job kills it.
 
         It is noted under the lock that `cancel` takes: no worker is killed that runs another job.
 
@@ -263,11 +263,11 @@ class JobRegistry:
         job
             The job.
         ending
-            How it ended; one that was stopped and failed for that counts as cancelled.
+            How it ended; one that was stopped and failed for that counts as `cancelled`.
         """
-        was_cancelled = job.cancel_requested and ending.error is not None
-        state: JobState = "cancelled" if was_cancelled else ending.state
-        error = None if was_cancelled else ending.error
+        was_canceled = job.cancel_requested and ending.error is not None
+        state: JobState = "cancelled" if was_canceled else ending.state
+        error = None if was_canceled else ending.error
         with self._changed:
             record = replace(job.record, state=state, error=error, ended=utc_now())
             self._unwritten[record.id] = record

@@ -319,7 +319,7 @@ def test_a_worker_that_was_killed_is_not_kept(folder: Path):
     lease.close()
 
 
-def test_cancelling_a_job_whose_worker_was_released_kills_no_worker(
+def test_canceling_a_job_whose_worker_was_released_kills_no_worker(
     folder: Path, start: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
 ):
     worker = Answering()
