@@ -274,7 +274,7 @@ class JobQueue:
 
     def _choose_name(self, request: JobRequest) -> str:
         """Return the name that the job's run will have; no other job's will."""
-        reserved = self._registry.reserved_names(request.dataset)
+        reserved = self._registry.find_reserved_names(request.dataset)
         wanted = request.run_name or request.name_prefix
         name = self.runner.find_free_name(request.dataset, wanted, reserved)
         if request.run_name not in (None, name):
@@ -318,7 +318,7 @@ class JobQueue:
             record = job.record
             name = record.run_name
             if record.name_prefix is not None and self.runner.name_is_used(record):
-                reserved = self._registry.reserved_names(record.dataset)
+                reserved = self._registry.find_reserved_names(record.dataset)
                 name = self.runner.find_free_name(record.dataset, record.name_prefix, reserved)
             self._registry.write_start(job, name)
 

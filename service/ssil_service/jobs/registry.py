@@ -92,7 +92,7 @@ class JobRegistry:
         records |= {record.id: record for record in self._own_records()}
         return sorted(records.values(), key=lambda record: record.created)
 
-    def reserved_names(self, dataset: str) -> set[str]:
+    def find_reserved_names(self, dataset: str) -> set[str]:
         """Return the names that are reserved for the runs of unfinished jobs.
 
         Parameters

@@ -157,7 +157,7 @@ class Runner:
         store = Store(self.store)
         try:
             run = store[record.dataset].runs.of_any_version(record.run_name)
-            expected = expected_record(record.body, store, record.dataset)
+            expected = build_expected_record(record.body, store, record.dataset)
         except NotFoundError:
             return False
         found = {name: getattr(run, name) for name in expected}
@@ -167,7 +167,7 @@ class Runner:
         return Store(self.store)[dataset].runs.names()
 
 
-def expected_record(body: Mapping[str, Any], store: Store, dataset: str) -> dict[str, Any]:
+def build_expected_record(body: Mapping[str, Any], store: Store, dataset: str) -> dict[str, Any]:
     """Return what the record of a run must say that was made as a job's body describes.
 
     Parameters

@@ -48,7 +48,7 @@ class _Attempt:
         self.phase = phase
 
     @property
-    def crashed_while_reading(self) -> bool:
+    def has_crashed_while_reading(self) -> bool:
         crashed = self.error is not None and self.error.kind == "CrashError"
         return crashed and self.phase == "reading"
 
@@ -155,7 +155,7 @@ class Decoder:
     def _run_with_retry(self, task: str, arguments: dict[str, Any]) -> Any:
         """Retry once: blame the body only if a second worker crashes while reading it."""
         attempt = self._attempt(task, arguments)
-        if attempt.crashed_while_reading:
+        if attempt.has_crashed_while_reading:
             log_event("task retried after a crash", level=logging.WARNING, task=task)
             attempt = self._attempt(task, arguments)
         if attempt.error is not None:

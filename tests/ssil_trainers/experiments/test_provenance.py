@@ -48,8 +48,8 @@ def imported() -> set[Path]:
 @pytest.fixture(scope="module")
 def computing() -> set[Path]:
     """The files in the digest of the code."""
-    library = provenance.computing_files(PACKAGES["ssil_data"], provenance.LIBRARY_FILES)
-    trainers = provenance.computing_files(PACKAGES["ssil_trainers"], provenance.TRAINER_FILES)
+    library = provenance.find_computing_files(PACKAGES["ssil_data"], provenance.LIBRARY_FILES)
+    trainers = provenance.find_computing_files(PACKAGES["ssil_trainers"], provenance.TRAINER_FILES)
     return {*library, *trainers}
 
 
@@ -93,9 +93,9 @@ def imported_names(node: ast.AST) -> list[str]:
 
 def test_a_pattern_of_the_digest_that_matches_no_file_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "here.py").touch()
-    assert provenance.computing_files(tmp_path, ("*.py",)) == [tmp_path / "here.py"]
+    assert provenance.find_computing_files(tmp_path, ("*.py",)) == [tmp_path / "here.py"]
     with pytest.raises(FileNotFoundError, match="moved"):
-        provenance.computing_files(tmp_path, ("*.py", "moved/*.py"))
+        provenance.find_computing_files(tmp_path, ("*.py", "moved/*.py"))
 
 
 def test_a_commit_is_named_only_in_a_checkout(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -155,7 +155,7 @@ class TrainSettings:
         """Validate every number."""
         for field in fields(self):
             value = getattr(self, field.name)
-            required = _violated_range(field.name, value, is_switch=field.type == "bool")
+            required = _find_violated_range(field.name, value, is_switch=field.type == "bool")
             if required:
                 raise InvalidInputError(f"{field.name}: expected {required}, found {value}")
 
@@ -165,7 +165,7 @@ class TrainSettings:
         return math.ceil(self.steps / (self.environments * self.horizon))
 
 
-def _violated_range(name: str, value: float, *, is_switch: bool) -> str:
+def _find_violated_range(name: str, value: float, *, is_switch: bool) -> str:
     """Return which range a setting leaves, in words; an empty text for one within its range."""
     if name == "log_sigma":
         return "" if math.isfinite(value) else "a finite number"

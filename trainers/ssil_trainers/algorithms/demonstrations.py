@@ -70,14 +70,14 @@ class Demonstrations:
         return Standardizer.of(self.states)
 
     @property
-    def required_leverage(self) -> NDArray[np.float32]:
+    def require_leverage(self) -> NDArray[np.float32]:
         """The leverage, (n,); raises InvalidInputError without a run."""
         if self.leverage is None:
             raise InvalidInputError(_MISSING_RUN)
         return self.leverage
 
     @property
-    def required_field(self) -> FieldLike:
+    def require_field(self) -> FieldLike:
         """The leverage field; raises InvalidInputError without a run."""
         if self.field is None:
             raise InvalidInputError(_MISSING_RUN)

@@ -70,4 +70,4 @@ def imitate_by_leverage(demonstrations: Demonstrations) -> NDArray[np.floating]:
     >>> imitate_by_leverage(demonstrations)
     array([1. , 0.5, 0. ], dtype=float32)
     """
-    return demonstrations.required_leverage
+    return demonstrations.require_leverage

@@ -157,7 +157,7 @@ def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
     >>> bool(reward[0] > reward[1] > reward[2])
     True
     """
-    return leverage_constraint_reward(demonstrations.required_field)
+    return leverage_constraint_reward(demonstrations.require_field)
 
 
 def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
@@ -182,7 +182,7 @@ def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping
     >>> bool((reward >= 0).all() and (reward <= 1).all())
     True
     """
-    alpha = demonstrations.required_field.alpha
+    alpha = demonstrations.require_field.alpha
     random = np.random.default_rng([seed, 4])
-    shuffled = random.permutation(demonstrations.required_leverage)
+    shuffled = random.permutation(demonstrations.require_leverage)
     return leverage_constraint_reward(demonstrations.make_field(shuffled, alpha))

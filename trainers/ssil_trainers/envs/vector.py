@@ -49,7 +49,7 @@ def check_seed(seed: object) -> int | None:
     return None if seed is None else check_count("seed", seed, least=0)
 
 
-def spread_seeds(seed: object, cars: int) -> list[int | None]:
+def assign_seeds(seed: object, cars: int) -> list[int | None]:
     """Return one seed for each car; None lets a car keep its own randomness.
 
     Parameters

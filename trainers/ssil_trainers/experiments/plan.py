@@ -75,13 +75,13 @@ class Plan:
     def tasks(self) -> list[Task]:
         """The work for all cells, seed by seed; makes the working copies that it needs."""
         training = [
-            self._training_task(table, row, labels, seed)
+            self._make_training_task(table, row, labels, seed)
             for seed in self.seeds
             for table in self.tables
             for row in table.rows
             for labels in (table.labels if row.labeled else (None,))
         ]
-        return [*training, *self._scoring_tasks()]
+        return [*training, *self._make_scoring_tasks()]
 
     def settings(self, table: Table, seed: int) -> TrainSettings:
         """Return the settings of a table's training runs, the same for every method.
@@ -105,25 +105,25 @@ class Plan:
         """
         return copy_dataset(self.source, dataset, self.work)
 
-    def _scoring_tasks(self) -> list[Task]:
+    def _make_scoring_tasks(self) -> list[Task]:
         """List the work for the table of leverage."""
         if self.leverage is None:
             return []
         return [
-            self._scoring_task(self.leverage, preset, estimator, seed)
+            self._make_scoring_task(self.leverage, preset, estimator, seed)
             for seed in self.seeds
             for preset in LEVERAGE_PRESETS
             for estimator in self.estimators
         ]
 
-    def _scoring_task(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
+    def _make_scoring_task(self, dataset: str, preset: str, estimator: str, seed: int) -> Task:
         """Return the work for one cell of leverage."""
         store = self.store(dataset)
         fit = Fit.of(store, dataset, estimator=estimator, preset=preset, seed=seed)
         cell = Cell(LEVERAGE, preset, estimator, None, seed)
         return Scoring(cell, self._identity(cell, dataset, fit, {}), self.output, fit)
 
-    def _training_task(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
+    def _make_training_task(self, table: Table, row: Row, labels: int | None, seed: int) -> Task:
         """Return the work for one cell of a table of training runs."""
         store = self.store(table.dataset)
         settings = self.settings(table, seed)
@@ -175,7 +175,7 @@ class Plan:
         }
 
 
-def missing_fits(tasks: Sequence[Task]) -> list[Fit]:
+def find_missing_fits(tasks: Sequence[Task]) -> list[Fit]:
     """List the scoring runs that tasks need and that do not exist, each once.
 
     Parameters

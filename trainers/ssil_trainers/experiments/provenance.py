@@ -60,14 +60,14 @@ def code_digest() -> str:
     digest = hashlib.sha256()
     for package, patterns in ((ssil_data, LIBRARY_FILES), (ssil_trainers, TRAINER_FILES)):
         folder = Path(next(iter(package.__path__)))
-        for path in computing_files(folder, patterns):
+        for path in find_computing_files(folder, patterns):
             digest.update(path.relative_to(folder).as_posix().encode())
             digest.update(b"\0")
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def computing_files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
+def find_computing_files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
     """List the files below a folder that match any of the patterns, each once, in order.
 
     Parameters

@@ -14,7 +14,7 @@ from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_
 from ssil_data.errors import InvalidInputError
 from ssil_data.store import Store
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
-from ssil_trainers.experiments.plan import Plan, missing_fits
+from ssil_trainers.experiments.plan import Plan, find_missing_fits
 from ssil_trainers.experiments.process_pool import Report, count_processors, open_pool, run_tasks
 from ssil_trainers.experiments.publishing import publish
 from ssil_trainers.experiments.results import Results
@@ -183,7 +183,7 @@ def run_plan(plan: Plan, *, workers: int, report: Report) -> Results:
         )
     if missing:
         with open_pool(workers) as executor:
-            run_tasks(executor, "scoring run", missing_fits(missing), report)
+            run_tasks(executor, "scoring run", find_missing_fits(missing), report)
             run_tasks(executor, "cell", missing, report)
     found = [task.read_result() for task in plan.tasks]
     return Results([result for result in found if result is not None])

@@ -56,7 +56,7 @@ def limit_labels(store: Store, name: str, labels: int) -> Dataset:
     card = f"# {fewer}\n\nThe first {labels} labeled pairs of `{name}`, version `{source.version}`"
     return store.create(
         fewer,
-        _limited_episodes(source, labels),
+        _limit_episodes(source, labels),
         state_names=source.state_names,
         action_names=source.action_names,
         card=f"{card}, and all its unlabeled ones.",
@@ -118,7 +118,7 @@ def _check_same_settings(dataset: Dataset, found: Run, expected: Run) -> None:
             )
 
 
-def _limited_episodes(source: Dataset, labels: int) -> Iterator[Episode]:
+def _limit_episodes(source: Dataset, labels: int) -> Iterator[Episode]:
     """Yield the episodes of a dataset, the labeled ones cut after the first `labels` pairs."""
     pairs = source.pairs()
     rewards = source.read_recorded("reward")

@@ -45,7 +45,7 @@ from ssil_trainers.envs.vector import (
     check_options,
     read_reset_mask,
     require_reset,
-    spread_seeds,
+    assign_seeds,
 )
 
 
@@ -192,7 +192,7 @@ class RacetrackVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             For seeds, options or starts that it cannot take; then nothing has changed.
         """
         check_options(options, ("start", "reset_mask"))
-        seeds = spread_seeds(seed, self.num_envs)
+        seeds = assign_seeds(seed, self.num_envs)
         mask = read_reset_mask(options, self.num_envs)
         which = np.flatnonzero(mask)
         requested = (options or {}).get("start")

@@ -25,7 +25,7 @@ from ssil_trainers.envs.vector import (
     check_options,
     read_reset_mask,
     require_reset,
-    spread_seeds,
+    assign_seeds,
 )
 
 
@@ -121,7 +121,7 @@ class RCLidarVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArr
             For seeds or options that it cannot take; then nothing has changed.
         """
         check_options(options, ("reset_mask",))
-        seeds = spread_seeds(seed, self.num_envs)
+        seeds = assign_seeds(seed, self.num_envs)
         which = read_reset_mask(options, self.num_envs)
         super().reset(seed=seeds[0] if isinstance(seed, int | np.integer) else None)
         for row in np.flatnonzero(which & ~self._fleet.is_placed):
