@@ -29,8 +29,10 @@ demo: .venv/.installed  ## score the racetrack demonstrations, ask LCoR, write t
 	ssil-data report racetrack -o $(DEMO)/report.html
 	@echo "Open $(DEMO)/report.html in a browser; the scored store is $(DEMO)/datasets."
 
+# one thread each, or the workers' linear algebra fights for the processors
+test: export OMP_NUM_THREADS := 1
 test: .venv/.installed  ## run the tests, on WORKERS processes
-	$(BIN)/pytest -n $(WORKERS) --dist loadfile
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 
 check: .venv/.installed  ## format, lint, types, import contracts
 	$(BIN)/ruff format --check .

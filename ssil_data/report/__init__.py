@@ -32,6 +32,13 @@ def write_report(dataset: Dataset, output: Path, *, progress: Progress | None = 
     ------
     InvalidInputError
         If the dataset has no run, the folder of `output` does not exist, or `output` is a folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> sd.write_report(dataset, Path("report.html"))
+    >>> Path("report.html").read_text().startswith("<!doctype html>")
+    True
     """
     folder = output.absolute().parent
     if not folder.is_dir():

@@ -1,1 +1,1 @@
-"""The subcommands `collect`, `train` and `evaluate`, as functions whose parameters are the flags."""
+"""The subcommands `collect`, `train` and `evaluate`; a function's parameters are the flags."""

@@ -71,8 +71,8 @@ def assign_seeds(seed: object, cars: int) -> list[int | None]:
 
     Examples
     --------
-    >>> from ssil_trainers.envs.vector import spread_seeds
-    >>> spread_seeds(7, 3)
+    >>> from ssil_trainers.envs.vector import assign_seeds
+    >>> assign_seeds(7, 3)
     [7, 8, 9]
     """
     if seed is None:

@@ -19,13 +19,13 @@ from ssil_trainers.envs.rc_lidar.tracks import TRAINING_TRACK
 from ssil_trainers.envs.vector import (
     Info,
     StepResult,
+    assign_seeds,
     build_final_info,
     build_info,
     check_actions,
     check_options,
     read_reset_mask,
     require_reset,
-    assign_seeds,
 )
 
 
