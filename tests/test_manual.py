@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from ssil_service.settings import Settings
 from ssil_trainers.algorithms.methods import METHODS
 from support.demonstrations import DATASETS, ROOT, drives
 from support.markdown import EXECUTED, check_console, read_blocks, run_page
+from support.preloaded import preload
 
 MANUAL = ROOT / "docs"
 README = ROOT / "README.md"
@@ -76,13 +78,22 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def binaries(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder whose commands do not import torch each time."""
+    with preload(tmp_path_factory.mktemp("binaries")) as folder:
+        yield folder
+
+
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_block_of_code_runs_in_its_order(page: Path, prepared: Path, tmp_path: Path):
+def test_every_block_of_code_runs_in_its_order(
+    page: Path, prepared: Path, binaries: Path, tmp_path: Path
+):
     folder = tmp_path / "reader"
     shutil.copytree(prepared, folder)
     if "ssil-data example\n" in page.read_text():
         sd.Store(folder / "datasets").delete("racetrack-example")
-    printed = run_page(page, folder)
+    printed = run_page(page, folder, binaries)
     if page == EXAMPLES:
         assert '"state":"succeeded"' in printed
         assert "ssil_request_seconds" in printed

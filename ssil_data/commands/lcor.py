@@ -38,8 +38,9 @@ def lcor(
 ) -> None:
     """Compute LCoR of states: the mean leverage of the demonstrations near each, 0 to 1.
 
-    The effective sample size is the number of demonstration states that a value rests on. A few
-    dozen of many thousands mean that the state is far from all demonstrations.
+    The effective sample size is the number of demonstration states that a value rests on.
+    Close to the data few decide; nearly all of them mean that the state is far from every
+    demonstration, and the value only the mean leverage of the dataset.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class Contributors:
 
 @dataclass(frozen=True, eq=False)
 class LCoR:
-    """LCoR (leveraged constraint reward) of m states: near 1 is expert-like, near 0 is not.
+    """LCoR (leverage constraint reward) of m states: near 1 is expert-like, near 0 is not.
 
     Parameters
     ----------
@@ -36,8 +36,9 @@ class LCoR:
         (m,) LCoR, the weighted mean of the demonstrations' leverage around each state; it lies
         between the smallest and the largest leverage.
     effective_sample_size:
-        (m,) how many demonstration states a value rests on, from 1 to n. A few dozen of many
-        thousands mean that the state is far from all demonstrations: do not trust the value.
+        (m,) how many demonstration states a value rests on, from 1 to n. Close to the
+        data few decide. Nearly n mean that no demonstration is nearer than the others: the state
+        is far from all, and the value is only the mean leverage of the dataset.
     half_width:
         (m,) 0 where the value is exact. Where a random part of the demonstrations was used, the
         exact value lies within the half-width with a chance of 99.9 %, as far as the normal

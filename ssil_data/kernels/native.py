@@ -14,9 +14,9 @@ import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 
+from ssil_data.kernels.inner_loop import Tile, emit
 from ssil_data.kernels.power import Power
 from ssil_data.kernels.products import Products
-from ssil_data.kernels.tile import Tile, emit
 
 _COMPILING = Lock()
 _SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, *[ctypes.c_size_t] * 5, ctypes.c_float)
@@ -89,7 +89,7 @@ class Code:
     ) -> None:
         """Fill blocks `blocks` (first, after the last) of `sums` and `brackets`, at p = `exponent`.
 
-        All arrays are contiguous and shaped as `tile.emit` says.
+        All arrays are contiguous and shaped as `inner_loop.emit` says.
         """
         addresses = (array.ctypes.data for array in (panels, queries, sums, brackets))
         width = queries.shape[1] - 2
@@ -108,7 +108,7 @@ def _can_run_generated_code() -> bool:
 
 @lru_cache(maxsize=64)  # about 1 MB each
 def compile_code(target: Target, power: Power, products: Products, *, direct: bool) -> Code:
-    """Compile the function that `tile.emit` describes; the latest 64 are remembered.
+    """Compile the function that `inner_loop.emit` describes; the latest 64 are remembered.
 
     Parameters
     ----------

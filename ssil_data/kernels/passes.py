@@ -169,7 +169,7 @@ def run_parallel(
         target = target.for_one_query()
     brackets_per_tile = target.tile.queries * len(panels.values)
     tiles = min(_TILES_PER_PASS, max(1, _MAX_BRACKETS // (threads * brackets_per_tile)))
-    # far queries take the distances that are added up directly, see `tile`
+    # far queries take the distances that are added up directly, see `inner_loop`
     far = np.abs(queries).sum(axis=1) * (1 + 1 / alpha) > _MAX_RELATIVE_DISTANCE
     rows = {direct: np.flatnonzero(far == direct) for direct in (False, True)}
     cuts = {

@@ -51,6 +51,11 @@ class Recipe:
         recipe
             Either.
         """
+        if not isinstance(recipe, Recipe | Estimator):
+            raise InvalidInputError(
+                f"recipe: expected an estimator such as sd.WindowVAE() or a recipe such as "
+                f"sd.preset('default', 'windowvae'), found {recipe!r}"
+            )
         return recipe if isinstance(recipe, Recipe) else cls(recipe)
 
     @classmethod

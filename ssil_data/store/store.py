@@ -252,7 +252,8 @@ class Store:
 
     def _name_taken(self, name: str) -> ConflictError:
         return ConflictError(
-            f"dataset: the name {name!r} is taken in {self.folder.uri}; give another"
+            f"dataset: the name {name!r} is taken in {self.folder.uri}; give another, "
+            "append to it, or delete it first"
         )
 
     def _no_such_dataset(self, name: str) -> NotFoundError:

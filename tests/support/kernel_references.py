@@ -8,8 +8,8 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from ssil_data.kernels import log_kernel
+from ssil_data.kernels.inner_loop import Tile
 from ssil_data.kernels.native import AVX2, AVX512, GENERIC, NEON, Target
-from ssil_data.kernels.tile import Tile
 
 ALPHAS = (1e-4, 0.01, 0.3, 1.0, 2.0, 3.0, 7.5, 11.0, 100.0, 199.0, 1e4, 1e9)
 

@@ -53,10 +53,11 @@ def read_blocks(page: Path) -> list[Block]:
     return blocks
 
 
-def run_page(page: Path, folder: Path) -> str:
+def run_page(page: Path, folder: Path, binaries: Path | None = None) -> str:
     """Run the blocks of a page, in their order and in one shell, and return what they print.
 
-    Servers that a block starts in the background are ended with the shell.
+    Servers that a block starts in the background are ended with the shell. Commands are looked for
+    in `binaries` first, if given.
     """
     script = ["trap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT"]
     for block in read_blocks(page):
@@ -65,10 +66,11 @@ def run_page(page: Path, folder: Path) -> str:
         elif block.language == "python":
             script.append(f"python - <<'END_OF_PYTHON'\n{block.code}END_OF_PYTHON")
     code = "\n".join(script).replace(PORT, str(free_port())).replace("curl -sS", "curl -sS --fail")
+    path = f"{binaries or ''}:{Path(sys.executable).parent}:/usr/bin:/bin".lstrip(":")
     done = subprocess.run(
         ["bash", "-ec", code],
         cwd=folder,
-        env={"PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin", "HOME": str(folder)},
+        env={"PATH": path, "HOME": str(folder), "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         check=False,

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from ssil_data.kernels import References
+from ssil_data.kernels.inner_loop import emit
 from ssil_data.kernels.native import AVX2, AVX512, NEON, Target, compile_code
 from ssil_data.kernels.power import General, Power
 from ssil_data.kernels.products import Products
-from ssil_data.kernels.tile import emit
 from support.kernel_references import draw_references
 
 REGISTERS = {"zmm": (AVX512, "x86_64", "x86-64-v4", "-prefer-256-bit", "vfmadd"),

@@ -12,7 +12,8 @@ import pytest
 import torch
 
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.learner import Learner, decay_eta
+from ssil_trainers.algorithms.eta_decay import decay_eta
+from ssil_trainers.algorithms.learner import Learner
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.rollout import Rollout, RolloutCollector
 from ssil_trainers.algorithms.trpo import PolicyStep, TrustRegion

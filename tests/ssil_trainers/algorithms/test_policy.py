@@ -10,7 +10,7 @@ import torch
 
 from ssil_data.errors import DamagedError, InvalidInputError, NotFoundError
 from ssil_data.features import Standardizer
-from ssil_trainers.algorithms import checkpoint
+from ssil_trainers.algorithms import tensor_file
 from ssil_trainers.algorithms.networks import PolicyNetwork
 from ssil_trainers.algorithms.policy import ActionBox, Policy
 
@@ -76,10 +76,10 @@ def test_a_file_that_is_not_a_policy_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"\x80\x04\x95")
     with pytest.raises(DamagedError):
         Policy.load(path)
-    checkpoint.write(path, {"a": np.zeros(2)}, {"kind": "another thing"})
+    tensor_file.write(path, {"a": np.zeros(2)}, {"kind": "another thing"})
     with pytest.raises(InvalidInputError, match="expected a ssil policy, found a another thing"):
         Policy.load(path)
-    checkpoint.write(path, {"a": np.zeros(2)}, {"kind": "ssil policy"})
+    tensor_file.write(path, {"a": np.zeros(2)}, {"kind": "ssil policy"})
     with pytest.raises(DamagedError):
         Policy.load(path)
 
@@ -90,17 +90,17 @@ def test_a_cut_or_infinite_file_is_damaged(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-4])
     with pytest.raises(DamagedError):
         Policy.load(path)
-    checkpoint.write(path, {"a": np.array([np.inf])}, {"kind": "thing"})
+    tensor_file.write(path, {"a": np.array([np.inf])}, {"kind": "thing"})
     with pytest.raises(DamagedError, match="finite"):
-        checkpoint.read(path, "thing")
+        tensor_file.read(path, "thing")
 
 
 def test_metadata_that_json_cannot_hold_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     with pytest.raises(ValueError):
-        checkpoint.write(path, {}, {"kind": "thing", "score": float("nan")})
+        tensor_file.write(path, {}, {"kind": "thing", "score": float("nan")})
     assert not path.exists()
-    checkpoint.write(path, {"a": np.arange(3)}, {"kind": "thing", "list": [1, None]})
-    arrays, metadata = checkpoint.read(path, "thing")
+    tensor_file.write(path, {"a": np.arange(3)}, {"kind": "thing", "list": [1, None]})
+    arrays, metadata = tensor_file.read(path, "thing")
     assert metadata == {"kind": "thing", "list": [1, None]}
     assert arrays["a"].tolist() == [0, 1, 2]

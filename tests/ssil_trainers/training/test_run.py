@@ -12,15 +12,14 @@ import pytest
 import torch
 
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_trainers.algorithms import checkpoint
+from ssil_trainers.algorithms import tensor_file
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.policy import Policy
+from ssil_trainers.training.checkpoint import CHECKPOINT, KIND
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import HistoryRow
 from ssil_trainers.training.run import (
-    CHECKPOINT,
     CURVE,
-    KIND,
     POLICY,
     Callback,
     TrainResult,
@@ -106,10 +105,10 @@ def test_a_checkpoint_of_version_0_1_is_resumed_though_a_setting_has_a_new_name(
     with pytest.raises(Stop):
         train_toy(tmp_path / "cut", callback=stop_after(4))
     path = tmp_path / "cut" / CHECKPOINT
-    arrays, metadata = checkpoint.read(path, KIND)
+    arrays, metadata = tensor_file.read(path, KIND)
     settings = metadata["identity"]["settings"]
     settings["centred"] = settings.pop("centered")
-    checkpoint.write(path, arrays, metadata)
+    tensor_file.write(path, arrays, metadata)
     train_toy(tmp_path / "cut", resume=True)
     for name in (POLICY, CHECKPOINT, CURVE):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -29,10 +29,10 @@ from ssil_service.server.launch import Server, launch
 from ssil_service.settings import read_settings
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.commands import train as command
+from ssil_trainers.training.checkpoint import CHECKPOINT
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import HistoryRow
 from ssil_trainers.training.run import (
-    CHECKPOINT,
     CURVE,
     POLICY,
     Callback,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ssil_data.errors import DamagedError, InvalidInputError
 from ssil_data.features import Standardizer
-from ssil_trainers.algorithms import checkpoint
+from ssil_trainers.algorithms import tensor_file
 
 KIND = "ssil policy"
 """What a policy file says that it is."""
@@ -165,7 +165,7 @@ class Policy:
         for number, (weight, bias) in enumerate(self.layers):
             arrays[f"{number}.weight"] = weight
             arrays[f"{number}.bias"] = bias
-        checkpoint.write(path, arrays, {**self.metadata, "kind": KIND})
+        tensor_file.write(path, arrays, {**self.metadata, "kind": KIND})
 
     @classmethod
     def load(cls, path: Path) -> Policy:
@@ -185,7 +185,7 @@ class Policy:
         DamagedError
             If it is cut off, or its arrays do not fit together.
         """
-        arrays, metadata = checkpoint.read(path, KIND)
+        arrays, metadata = tensor_file.read(path, KIND)
         try:
             policy = cls(
                 Standardizer(arrays["shift"], arrays["scale"]),

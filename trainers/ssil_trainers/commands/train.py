@@ -14,9 +14,10 @@ from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.algorithms.methods import MethodName
 from ssil_trainers.envs.registry import find_spec, make_vectorized
+from ssil_trainers.training.checkpoint import CHECKPOINT
 from ssil_trainers.training.data_source import DataSource, load_training_data
 from ssil_trainers.training.progress import progress_display, tensorboard
-from ssil_trainers.training.run import CHECKPOINT, POLICY, Callback, TrainResult, TrainRun
+from ssil_trainers.training.run import POLICY, Callback, TrainResult, TrainRun
 
 
 def train(

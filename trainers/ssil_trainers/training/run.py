@@ -6,7 +6,7 @@ how (`TrainSettings`). The algorithm itself is the `Learner`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_trainers.algorithms import checkpoint
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.demonstrations import Demonstrations
 from ssil_trainers.algorithms.learner import Iteration, Learner
@@ -23,12 +22,10 @@ from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rollout import RolloutCollector, measure_returns
 from ssil_trainers.algorithms.torch_threads import single_thread
+from ssil_trainers.training.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import Evaluation, HistoryRow, to_csv
 
-KIND = "ssil checkpoint"
-"""What a checkpoint says that it is."""
-CHECKPOINT = "checkpoint.safetensors"
 POLICY = "policy.safetensors"
 CURVE = "curve.csv"
 
@@ -37,9 +34,6 @@ MakeEnvs = Callable[[int], VectorEnv[Any, Any, Any]]
 
 Callback = Callable[[HistoryRow], None]
 """Called with each row of the learning curve: before the first iteration, and after every one."""
-
-_RENAMED_SETTINGS = {"centred": "centered"}
-"""Settings that checkpoints of version 0.1 keep under an older name, and their names today."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,29 +237,20 @@ class TrainRun:
         """Write everything from which the next iteration can be resumed, and the policy file."""
         if self.folder is None:
             return
-        metadata = {
-            "kind": KIND,
-            "identity": self.identity,
-            "done": self.learner.done,
-            "eta": self.learner.eta,
-            "curve": [asdict(row) for row in self.curve],
-        }
-        checkpoint.write(self.folder / CHECKPOINT, self.learner.arrays(), metadata)
+        write_checkpoint(self.folder, self.learner, identity=self.identity, curve=self.curve)
         self._write_policy()
 
     def _restore(self, resume: bool) -> bool:
         """Take over the checkpoint in the folder; return whether there was one."""
-        path = None if self.folder is None else self.folder / CHECKPOINT
-        if path is None or not path.exists():
+        if self.folder is None or not (self.folder / CHECKPOINT).exists():
             return False
         if not resume:
             raise ConflictError(
-                f"checkpoint: {path.parent} has one already; --resume goes on from it, and another "
+                f"checkpoint: {self.folder} has one already; --resume goes on from it, and another "
                 "folder takes a new run"
             )
-        arrays, metadata = checkpoint.read(path, KIND)
-        _check_same_run(_with_current_names(metadata["identity"]), self.identity)
-        self._refuse_fewer_steps(path.with_name(POLICY))
+        arrays, metadata = read_checkpoint(self.folder, identity=self.identity)
+        self._refuse_fewer_steps(self.folder / POLICY)
         self.learner.restore(arrays, done=metadata["done"], eta=metadata["eta"])
         self.curve = [HistoryRow.from_json(row) for row in metadata["curve"]]
         return True
@@ -306,26 +291,3 @@ def _check_widths(demonstrations: Demonstrations, collector: RolloutCollector) -
             f"demonstrations: expected the state and action widths {expected} of the environment, "
             f"found {found}"
         )
-
-
-def _with_current_names(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity in a checkpoint with its settings under the names of today."""
-    settings = {_RENAMED_SETTINGS.get(k, k): value for k, value in identity["settings"].items()}
-    return {**identity, "settings": settings}
-
-
-def _check_same_run(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Raise ConflictError that names what differs between a checkpoint's run and this one."""
-    for name, value in given.items():
-        if kept[name] != value:
-            raise ConflictError(f"checkpoint: expected {_list_differences(kept[name], value)}")
-
-
-def _list_differences(kept: Any, given: Any) -> str:
-    """Say which of two JSON values differ, key by key where they are objects."""
-    if not (isinstance(kept, dict) and isinstance(given, dict)):
-        return f"{kept!r} as before, found {given!r}"
-    names = [name for name in {**kept, **given} if kept.get(name) != given.get(name)]
-    return "; ".join(
-        f"{name} {kept.get(name)!r} as before, found {given.get(name)!r}" for name in names
-    )

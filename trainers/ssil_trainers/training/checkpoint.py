@@ -1,0 +1,93 @@
+"""The checkpoint of a training run: written between iterations, and read to go on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ssil_data.errors import ConflictError
+from ssil_trainers.algorithms import tensor_file
+from ssil_trainers.algorithms.learner import Learner
+from ssil_trainers.training.history import HistoryRow
+
+KIND = "ssil checkpoint"
+"""What a checkpoint says that it is."""
+CHECKPOINT = "checkpoint.safetensors"
+
+_RENAMED_SETTINGS = {"centred": "centered"}
+"""Settings that checkpoints of version 0.1 keep under an older name, and their names today."""
+
+
+def write_checkpoint(
+    folder: Path, learner: Learner, *, identity: Mapping[str, Any], curve: Sequence[HistoryRow]
+) -> None:
+    """Write everything from which the next iteration can be resumed.
+
+    Parameters
+    ----------
+    folder:
+        Where the run keeps its files.
+    learner:
+        Between two iterations.
+    identity:
+        What the run was made from, as JSON; only the same run may go on.
+    curve:
+        The learning curve so far.
+    """
+    metadata = {
+        "kind": KIND,
+        "identity": identity,
+        "done": learner.done,
+        "eta": learner.eta,
+        "curve": [asdict(row) for row in curve],
+    }
+    tensor_file.write(folder / CHECKPOINT, learner.arrays(), metadata)
+
+
+def read_checkpoint(
+    folder: Path, *, identity: Mapping[str, Any]
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Read the learner's arrays and the metadata of a checkpoint.
+
+    Parameters
+    ----------
+    folder:
+        Where the run keeps its files.
+    identity:
+        What this run is made from.
+
+    Raises
+    ------
+    ConflictError
+        If the checkpoint is another run's; it names what differs.
+    """
+    arrays, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
+    _check_same_run(_with_current_names(metadata["identity"]), identity)
+    return arrays, metadata
+
+
+def _with_current_names(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the identity in a checkpoint with its settings under the names of today."""
+    settings = {_RENAMED_SETTINGS.get(k, k): value for k, value in identity["settings"].items()}
+    return {**identity, "settings": settings}
+
+
+def _check_same_run(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Raise ConflictError that names what differs between a checkpoint's run and this one."""
+    for name, value in given.items():
+        if kept[name] != value:
+            raise ConflictError(f"checkpoint: expected {_list_differences(kept[name], value)}")
+
+
+def _list_differences(kept: Any, given: Any) -> str:
+    """Say which of two JSON values differ, key by key where they are objects."""
+    if not (isinstance(kept, dict) and isinstance(given, dict)):
+        return f"{kept!r} as before, found {given!r}"
+    names = [name for name in {**kept, **given} if kept.get(name) != given.get(name)]
+    return "; ".join(
+        f"{name} {kept.get(name)!r} as before, found {given.get(name)!r}" for name in names
+    )
