@@ -23,7 +23,7 @@ from ssil_data.cli import main
 from support.demonstrations import DATASETS, ROOT
 
 KNOWN: dict[str, dict[str, Any]] = json.loads((ROOT / "tests/support/digests.json").read_text())
-PROCESSOR = llvm.get_host_cpu_name()
+PROCESSOR = f"{llvm.get_host_cpu_name()} torch {torch.__version__}"
 DIGESTS = KNOWN.get(PROCESSOR, next(iter(KNOWN.values())))
 
 pytestmark = pytest.mark.skipif(
@@ -49,9 +49,7 @@ def test_leverage_and_model_are_those_of_before(which: str, store: sd.Store):
     name, kind, preset = which.split()
     dataset = store[name]
     threads = torch.get_num_threads()
-    torch.set_num_threads(
-        2
-    )  # as when the digests were taken; a Gaussian process's bits depend on it
+    torch.set_num_threads(2)  # as when the digests were taken: the bits of a GPR depend on it
     try:
         run = sd.score(dataset, sd.preset(preset, kind), seed=0)
     finally:

@@ -17,8 +17,8 @@ call runs, in the order in which it meets the modules:
    the queries into parts for the threads (or the references, where the queries are few), and gets
    machine code from `native`, which compiles it once per processor, kind of power and products.
 4. A `Pass` is one run of that code: tiles of queries against blocks of panels. The text of the
-   code is written by `inner_loop`. For a tile of 6 queries × 4 vectors of 16 references (AVX-512), all
-   distances are added up in registers over the dimensions; then one multiplication and addition
+   code is written by `inner_loop`. For a tile of 6 queries × 4 vectors of 16 references (AVX-512),
+   all distances are added up in registers over the dimensions; then one multiplication and addition
    makes t = (α + d) / (α + d₀) of each, `power` makes w = t^(−(α+1)/2), and `products` adds l w,
    w and w² to the query's totals. `instructions` has the few LLVM instructions they all need.
 

@@ -85,8 +85,15 @@ class Recipe:
         Raises
         ------
         InvalidInputError
-            For an unknown kind or key, or a value that does not fit.
+            For a key that is missing, an unknown kind, or a value that does not fit.
         """
+        for key in ("estimator", "scale", "labeled_is_one"):
+            if key not in json:
+                raise InvalidInputError(f"recipe: the key {key!r} is missing")
+        if not isinstance(json["labeled_is_one"], bool):
+            raise InvalidInputError(
+                f"labeled_is_one: expected true or false, found {json['labeled_is_one']!r}"
+            )
         return cls(
             estimator=from_json(json["estimator"]),
             scale=scales.settings_from_json(json["scale"]),

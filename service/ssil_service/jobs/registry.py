@@ -315,7 +315,7 @@ def not_found(job_id: str) -> NotFoundError:
     job_id
         The id that was looked for.
     """
-    return NotFoundError(f"Job not found: {job_id}")
+    return NotFoundError(f"job: no job has the id {job_id}")
 
 
 def utc_now() -> str:

@@ -182,7 +182,7 @@ def build_expected_record(body: Mapping[str, Any], store: Store, dataset: str) -
     Returns
     -------
     dict
-        Attributes of `ssil_data.store.runs.Run` with their values.
+        Attributes of `ssil_data.store.run_record.Run` with their values.
     """
     if "fitted" not in body:
         return {name: body[name] for name in ("estimator", "scale", "labeled_is_one", "seed")}

@@ -241,7 +241,8 @@ async def _outputs(here: Context, model: Model, inputs: dict[str, np.ndarray]) -
     known = ("states",) if model.kind else ("states", "actions", "episode")
     missing = {"states"} | ({"actions"} if not model.kind else set())
     if not missing <= set(inputs) <= set(known):
-        raise Problem(422, f"inputs: this model takes {', '.join(known)}, all but episode needed")
+        needed = "states" if model.kind else "states and actions; episode is optional"
+        raise Problem(422, f"inputs: this model needs {needed}")
     states = _rows(inputs, "states", model.snapshot.widths[0])
     most = here.settings.query_rows
     if len(states) > most:

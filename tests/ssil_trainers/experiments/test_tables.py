@@ -32,6 +32,28 @@ def test_a_run_is_trained_with_the_tables_own_settings_and_the_given_others(tabl
     assert table.settings(given, seed=7, budget=5).steps == 5
 
 
+@pytest.mark.parametrize(
+    ("table", "labels", "budget", "pretrained", "full_score"),
+    [
+        (RACETRACK, (100, 300, 600, 1_200), 122_880, False, None),
+        (RC_LIDAR, (None,), 40_960, True, 400.0),
+        (RC_LIDAR_TIGHT, (None,), 8_192, True, 400.0),
+        (FEW_LABELS, (50, 100), 16_384, True, None),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_a_table_is_trained_as_the_published_page_says(
+    table: Table,
+    labels: tuple[int | None, ...],
+    budget: int,
+    pretrained: bool,
+    full_score: float | None,
+) -> None:
+    assert table.labels == labels
+    assert (table.budget, table.pretrained) == (budget, pretrained)
+    assert (table.full_score, table.episodes) == (full_score, 10)
+
+
 def test_the_racetrack_has_the_papers_numbers_of_labels() -> None:
     in_paper = {labels for name, labels, _ in published.SCORES if name == RACETRACK.name}
     assert set(RACETRACK.labels) == in_paper

@@ -18,8 +18,8 @@ KIND = "ssil checkpoint"
 """What a checkpoint says that it is."""
 CHECKPOINT = "checkpoint.safetensors"
 
-_RENAMED_SETTINGS = {"centred": "centered"}
-"""Settings that checkpoints of version 0.1 keep under an older name, and their names today."""
+STORED_NAMES = {"centered": "centred"}
+"""Settings that policies and checkpoints keep under another name, that of their first version."""
 
 
 def write_checkpoint(
@@ -66,14 +66,8 @@ def read_checkpoint(
         If the checkpoint is another run's; it names what differs.
     """
     arrays, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
-    _check_same_run(_with_current_names(metadata["identity"]), identity)
+    _check_same_run(metadata["identity"], identity)
     return arrays, metadata
-
-
-def _with_current_names(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity in a checkpoint with its settings under the names of today."""
-    settings = {_RENAMED_SETTINGS.get(k, k): value for k, value in identity["settings"].items()}
-    return {**identity, "settings": settings}
 
 
 def _check_same_run(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:

@@ -22,7 +22,12 @@ from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rollout import RolloutCollector, measure_returns
 from ssil_trainers.algorithms.torch_threads import single_thread
-from ssil_trainers.training.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from ssil_trainers.training.checkpoint import (
+    CHECKPOINT,
+    STORED_NAMES,
+    read_checkpoint,
+    write_checkpoint,
+)
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.history import Evaluation, HistoryRow, to_csv
 
@@ -168,8 +173,13 @@ class TrainRun:
     @property
     def identity(self) -> dict[str, Any]:
         """What a checkpoint must agree with to be resumed; the number of steps may differ."""
-        settings = {key: value for key, value in asdict(self.settings).items() if key != "steps"}
-        return {"method": self.method, "settings": settings, "origin": dict(self.data.identity)}
+        settings = asdict(self.settings)
+        del settings["steps"]
+        return {
+            "method": self.method,
+            "settings": {STORED_NAMES.get(name, name): value for name, value in settings.items()},
+            "origin": dict(self.data.identity),
+        }
 
     def train(self, *, resume: bool = False, callback: Callback = lambda row: None) -> TrainResult:
         """Train to the end, from the folder's checkpoint or from the start.
