@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load_file
+from threadpoolctl import threadpool_limits
 
 import ssil_data as sd
 from ssil_data.cli import main
@@ -48,12 +49,8 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> sd.Store:
 def test_leverage_and_model_are_those_of_before(which: str, store: sd.Store):
     name, kind, preset = which.split()
     dataset = store[name]
-    threads = torch.get_num_threads()
-    torch.set_num_threads(2)  # as when the digests were taken: the bits of a GPR depend on it
-    try:
+    with threadpool_limits(2):  # as when the digests were taken: the bits of a GPR depend on it
         run = sd.score(dataset, sd.preset(preset, kind), seed=0)
-    finally:
-        torch.set_num_threads(threads)
     found = {"leverage": digest(dataset.leverage(run.name)), "model": run.model}
     assert found == DIGESTS["scored"][which]
 

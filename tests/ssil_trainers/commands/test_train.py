@@ -19,6 +19,7 @@ from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.commands import train as command
 from ssil_trainers.envs.registry import make_single
+from ssil_trainers.training.checkpoint import STORED_NAMES
 from ssil_trainers.training.evaluation import drive_episode
 from support.command_line import SHORT_TRAINING, run
 
@@ -62,7 +63,8 @@ def test_the_preset_paper_changes_its_settings_and_no_others(
         Policy.load(tmp_path / preset / "policy.safetensors").metadata["settings"]
         for preset in ("default", "paper")
     )
-    assert paper == {**default, **PAPER} != default
+    stored = {STORED_NAMES.get(name, name): value for name, value in PAPER.items()}
+    assert paper == {**default, **stored} != default
     assert paper["gae_lambda"] == 0 and paper["kl"] == 0.02
 
 
