@@ -52,6 +52,12 @@ def on_files(files: Files, config: MkDocsConfig, **_: Any) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Lead links to the repository's benchmarks to the page that shows them."""
+    here = get_relative_url("benchmarks.md", page.file.src_uri)
+    return re.sub(r"\]\((?:\.\./)+benchmarks/README\.md", f"]({here}", markdown)
+
+
 def on_post_page(output: str, page: Page, **_: Any) -> str:
     """Load the script that searches in files from the site itself."""
     return output.replace(SHIM, get_relative_url(LOCAL_SHIM, page.url))
