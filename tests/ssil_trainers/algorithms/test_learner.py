@@ -62,6 +62,7 @@ def test_the_toy_separates_the_expert_from_policies_that_ignore_the_state() -> N
         "mixgail",
         "ssil",
         "ssil-leverage",
+        "gail-shuffled",
         "shuffled",
         "clone",
         "clone-leverage",
@@ -243,7 +244,7 @@ def learner_of(
     learner = Learner(
         settings,
         collector=collector,
-        experts=row.expert_sampler(of, collector.action_box, of.standardizer),
+        experts=row.expert_sampler(of, collector.action_box, of.standardizer, settings=settings),
         shaping=row.shaping(of, settings.seed),
         standardizer=of.standardizer,
     )

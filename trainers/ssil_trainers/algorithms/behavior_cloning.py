@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ssil_trainers.algorithms.expert_sampler import ExpertSampler
+from ssil_trainers.algorithms.expert_sampler import PairSampler
 from ssil_trainers.algorithms.networks import PolicyNetwork
 
 
 def clone(
     policy: PolicyNetwork,
-    experts: ExpertSampler,
+    experts: PairSampler,
     *,
     steps: int,
     batch: int,
@@ -20,10 +20,9 @@ def clone(
 ) -> float:
     """Fit the policy's mean to the expert actions, in place, and return the error that is left.
 
-    Adam minimizes the squared error with a cosine schedule. Pairs are drawn by their weight: with
-    leverage as the weight this is leverage-weighted cloning; with 1 for labeled and 0 for unlabeled
-    pairs it is the plain one. log σ does not change, so a policy that is trained further explores
-    as before.
+    Adam minimizes the squared error with a cosine schedule. The sampler decides what is cloned:
+    labeled pairs alone, or half of every batch labeled and half unlabeled pairs by their leverage.
+    log σ does not change, so a policy that is trained further explores as before.
 
     Parameters
     ----------
@@ -49,6 +48,7 @@ def clone(
     Examples
     --------
     >>> states = np.linspace(-1, 1, 50, dtype=np.float32)[:, None]
+    >>> from ssil_trainers.algorithms.expert_sampler import ExpertSampler
     >>> experts = ExpertSampler(states, states / 2, np.ones(50, np.float32))
     >>> policy = PolicyNetwork(1, 1, hidden=8, log_sigma=-0.7)
     >>> rng = np.random.default_rng(0)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal, get_args
 
 from ssil_data.errors import InvalidInputError
 
@@ -20,12 +20,22 @@ _MAY_BE_ZERO = frozenset(
         "gradient_penalty",
         "eta",
         "cloning_steps",
+        "pair_reward",
     }
 )
 _AT_MOST_ONE = frozenset({"discount", "gae_lambda", "fisher_share", "eta_decay"})
 
+Weighting = Literal["posterior", "ratio"]
+"""How unlabeled pairs are weighted: by their leverage, or by its odds."""
+
 PAPER: Mapping[str, Any] = MappingProxyType(
-    {"gae_lambda": 0.0, "centered": False, "gradient_penalty": 0.0, "spectral_norm": False}
+    {
+        "gae_lambda": 0.0,
+        "centered": False,
+        "gradient_penalty": 0.0,
+        "spectral_norm": False,
+        "pair_reward": 0.0,
+    }
 )
 """The preset `paper`: one-step advantages as in Algorithm 1, and nothing that goes beyond it.
 
@@ -89,6 +99,16 @@ class TrainSettings:
     centered:
         Beyond the paper: the state reward minus its mean over the rollout, so that a constant
         reward gives no survival bonus.
+    pair_reward:
+        Beyond the paper: weight of the log-odds of the leverage of the pair (s, a) in the state
+        reward of ssil and ssil-leverage; 0 is off.
+    expert_weighting:
+        How methods that imitate by leverage weight unlabeled pairs: `posterior` by the leverage w
+        itself, `ratio` by its odds w / (1 − w), a density ratio of experts to others.
+    odds_limit:
+        The largest odds of leverage, above 1, in that ratio and in the pair reward: at 20, leverage
+        above .952 counts as .952. Leverage is calibrated to some hundredths at best, so larger odds
+        would be noise; and without a limit a single pair of leverage 1 would be all that is drawn.
     pretrained:
         Start from a behavior-cloned policy.
     cloning_steps:
@@ -143,6 +163,9 @@ class TrainSettings:
     eta: float = 1.0
     eta_decay: float = 0.99
     centered: bool = True
+    pair_reward: float = 0.0
+    expert_weighting: Weighting = "posterior"
+    odds_limit: float = 20.0
     pretrained: bool = False
     cloning_steps: int = 2_000
     cloning_batch: int = 256
@@ -165,8 +188,12 @@ class TrainSettings:
         return math.ceil(self.steps / (self.environments * self.horizon))
 
 
-def _find_violated_range(name: str, value: float, *, is_switch: bool) -> str:
+def _find_violated_range(name: str, value: Any, *, is_switch: bool) -> str:
     """Return which range a setting leaves, in words; an empty text for one within its range."""
+    if name == "expert_weighting":
+        return "" if value in get_args(Weighting) else f"one of {', '.join(get_args(Weighting))}"
+    if name == "odds_limit":
+        return "" if math.isfinite(value) and value > 1 else "a number above 1"
     if name == "log_sigma":
         return "" if math.isfinite(value) else "a finite number"
     if not math.isfinite(value) or value < 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
-from ssil_data.surface import FieldLike
+from ssil_data.surface import FieldLike, ModelLike
 
 _MISSING_RUN = "method: needs the leverage of a scoring run; name one"
 
@@ -31,6 +32,8 @@ class Demonstrations:
         Leverage of each pair by a scoring run, (n,), 1 for expert-like; None without a run.
     field:
         The leverage field of that run; None without a run.
+    open_model:
+        Opens the fitted model of that run, for leverage of other pairs; None without a run.
     threads:
         Threads of a field that is made from these demonstrations; None for all processors.
 
@@ -52,6 +55,7 @@ class Demonstrations:
     labeled: NDArray[np.bool_]
     leverage: NDArray[np.float32] | None = None
     field: FieldLike | None = None
+    open_model: Callable[[], ModelLike] | None = None
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -82,6 +86,18 @@ class Demonstrations:
         if self.field is None:
             raise InvalidInputError(_MISSING_RUN)
         return self.field
+
+    def require_model(self) -> ModelLike:
+        """Open the model of the run, which gives any pair a leverage.
+
+        Raises
+        ------
+        InvalidInputError
+            Without a run.
+        """
+        if self.open_model is None:
+            raise InvalidInputError(_MISSING_RUN)
+        return self.open_model()
 
     def make_field(self, leverage: NDArray[np.float32], alpha: float) -> LeverageField:
         """Make a leverage field over these states in this process.

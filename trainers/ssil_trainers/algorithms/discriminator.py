@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from ssil_trainers.algorithms.expert_sampler import ExpertSampler
+from ssil_trainers.algorithms.expert_sampler import PairSampler
 from ssil_trainers.algorithms.networks import Discriminator
 
 
@@ -30,6 +30,7 @@ class DiscriminatorUpdate:
     --------
     >>> _ = torch.manual_seed(0)
     >>> expert = np.full((64, 2), -1, np.float32)
+    >>> from ssil_trainers.algorithms.expert_sampler import ExpertSampler
     >>> experts = ExpertSampler(expert, expert[:, :1], np.ones(64, np.float32))
     >>> discriminator = Discriminator(2, 1, hidden=8, spectral=False)
     >>> optimizer = torch.optim.Adam(discriminator.parameters(), lr=1e-2)
@@ -52,7 +53,7 @@ class DiscriminatorUpdate:
         optimizer: torch.optim.Optimizer,
         *,
         pairs: Tensor,
-        experts: ExpertSampler,
+        experts: PairSampler,
         rng: np.random.Generator,
     ) -> float:
         """Raise E_π[log D] + E_E[log(1 − D)], in place; return how well it separates the two.

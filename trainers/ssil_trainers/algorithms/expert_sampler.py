@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -11,6 +12,27 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ssil_data.errors import InvalidInputError
+
+
+class PairSampler(Protocol):
+    """Draws batches of expert pairs."""
+
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Draw pairs with replacement.
+
+        Parameters
+        ----------
+        count:
+            Number of pairs.
+        rng:
+            Source of randomness.
+
+        Returns
+        -------
+        :
+            States (count, d) and actions (count, k), row by row of the same pair.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,10 @@ from ssil_trainers.algorithms.behavior_cloning import clone
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
 from ssil_trainers.algorithms.eta_decay import decay_eta
-from ssil_trainers.algorithms.expert_sampler import ExpertSampler
+from ssil_trainers.algorithms.expert_sampler import PairSampler
 from ssil_trainers.algorithms.learner_state import collect_arrays, restore_arrays
 from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork, TwoCritics
+from ssil_trainers.algorithms.pair_rewards import PairReward, reward_pairs
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.rewards import Shaping
 from ssil_trainers.algorithms.rollout import Rollout, RolloutCollector
@@ -56,6 +57,9 @@ class Iteration:
         The policy's mean standard deviation, in half-widths of the action box.
     ended:
         How many episodes ended.
+    log_odds:
+        Mean log-odds of the leverage of the pairs visited, before they are centered; 0 without a
+        pair reward.
     """
 
     number: int
@@ -67,6 +71,7 @@ class Iteration:
     shaping: float
     sigma: float
     ended: int
+    log_odds: float = 0.0
 
 
 class Learner:
@@ -87,10 +92,13 @@ class Learner:
         The state reward, added with weight η.
     standardizer:
         Standardization of states for all networks.
+    pair_reward:
+        The part of the state reward that sees the action; None for none.
 
     Examples
     --------
     >>> import gymnasium
+    >>> from ssil_trainers.algorithms.expert_sampler import ExpertSampler
     >>> from ssil_trainers.algorithms.rewards import zero_reward
     >>> mode = gymnasium.vector.AutoresetMode.SAME_STEP
     >>> envs = gymnasium.make_vec("Pendulum-v1", 2, vector_kwargs={"autoreset_mode": mode})
@@ -115,9 +123,10 @@ class Learner:
         settings: TrainSettings,
         *,
         collector: RolloutCollector,
-        experts: ExpertSampler,
+        experts: PairSampler,
         shaping: Shaping,
         standardizer: Standardizer,
+        pair_reward: PairReward | None = None,
     ) -> None:
         """Initialize the networks from the seed."""
         self.settings = settings
@@ -125,6 +134,7 @@ class Learner:
         self.experts = experts
         self.shaping = shaping
         self.standardizer = standardizer
+        self.pair_reward = pair_reward
         self.done = 0
         self.eta = settings.eta
         self.initial = collector.states
@@ -191,6 +201,9 @@ class Learner:
             next_values = self.critics(next_states).numpy()
         shaping = self.shaping(rollout.states.reshape(-1, self.collector.state_width))
         state_reward = shaping - shaping.mean() if settings.centered else shaping
+        log_odds = self._reward_pairs(rollout)
+        if self.pair_reward is not None:
+            state_reward = state_reward + settings.pair_reward * (log_odds - log_odds.mean())
         rewards = np.stack([discriminator_reward, state_reward])
         advantages = self._compute_advantages(rollout, rewards, values, next_values)
         advantage_d, advantage_c = advantages
@@ -215,6 +228,7 @@ class Learner:
             shaping=float(np.mean(shaping)),
             sigma=float(self.policy.log_sigma.detach().exp().mean()),
             ended=int(rollout.ended.sum()),
+            log_odds=float(log_odds.mean()),
         )
 
     def _sample_rollout(self, rng: np.random.Generator) -> Rollout:
@@ -224,14 +238,25 @@ class Learner:
         noise = rng.standard_normal((settings.horizon, settings.environments, actions))
         return self.collector.collect(self.snapshot(), noise.astype(np.float32))
 
+    def _reward_pairs(self, rollout: Rollout) -> NDArray[np.float64]:
+        """Return the pair reward of every step (T·N,), in the order of its states; 0 without."""
+        if self.pair_reward is None:
+            return np.zeros(rollout.ended.size)
+        return reward_pairs(rollout, self.collector.action_box, self.pair_reward)
+
     def _compute_advantages(
         self, rollout: Rollout, *arrays: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return A_D and A_C (2, T·N) of rewards, values and next values, each (2, T·N)."""
+        """Return A_D and A_C (2, T·N) of rewards, values and next values, each (2, T·N).
+
+        With a pair reward, a real end is to V_C as a time limit (`pair_rewards` says why).
+        """
         horizon, count = rollout.ended.shape
+        ends = rollout.terminated
+        ends_of_c = ends if self.pair_reward is None else np.zeros_like(ends)
         parts = compute_advantages(
             *(array.reshape(2, horizon, count).swapaxes(0, 1) for array in arrays),
-            terminated=rollout.terminated[:, None],
+            terminated=np.stack([ends, ends_of_c], axis=1),
             ended=rollout.ended[:, None],
             discount=self.settings.discount,
             gae_lambda=self.settings.gae_lambda,

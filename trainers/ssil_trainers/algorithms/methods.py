@@ -8,17 +8,21 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssil_data.features import Standardizer
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.demonstrations import Demonstrations
-from ssil_trainers.algorithms.expert_sampler import ExpertSampler
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler, PairSampler
 from ssil_trainers.algorithms.expert_weights import (
     Weights,
     imitate_all,
     imitate_by_leverage,
+    imitate_by_shuffled_leverage,
     imitate_labeled,
 )
+from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler
+from ssil_trainers.algorithms.pair_rewards import PairReward, log_odds_reward
 from ssil_trainers.algorithms.policy import ActionBox
 from ssil_trainers.algorithms.rewards import (
     Shaping,
@@ -35,11 +39,13 @@ MethodName = Literal[
     "ssil",
     "gail-leverage",
     "ssil-leverage",
+    "gail-shuffled",
     "shuffled",
     "constant",
     "clone",
     "clone-mixed",
     "clone-leverage",
+    "clone-shuffled",
 ]
 """The names in `METHODS`, for the types of the command line; a test compares the two."""
 
@@ -51,7 +57,8 @@ class Method:
     Parameters
     ----------
     expert_weights:
-        How much each pair is imitated.
+        How much each pair is imitated. By leverage, shuffled or not, half of every batch is labeled
+        and the weights are those of unlabeled pairs among each other.
     shaping:
         Makes the state reward from demonstrations and a seed.
     fixed_settings:
@@ -72,7 +79,12 @@ class Method:
     @property
     def uses_run(self) -> bool:
         """Whether a scoring run changes the result."""
-        return self.expert_weights is imitate_by_leverage or self.shaping is not no_shaping
+        return self.half_labeled or self.shaping is not no_shaping
+
+    @property
+    def half_labeled(self) -> bool:
+        """Whether it imitates by weight: half of every batch labeled, half unlabeled pairs."""
+        return self.expert_weights in (imitate_by_leverage, imitate_by_shuffled_leverage)
 
     @property
     def requires_run(self) -> bool:
@@ -89,10 +101,34 @@ class Method:
         """
         return replace(settings, **self.fixed_settings)
 
+    def pair_reward(
+        self, demonstrations: Demonstrations, settings: TrainSettings
+    ) -> PairReward | None:
+        """Make the reward that sees the action; None where it is off, and for methods without LCoR.
+
+        Parameters
+        ----------
+        demonstrations:
+            All pairs, with the model of a run.
+        settings:
+            Settings of the run.
+        """
+        if settings.pair_reward == 0 or self.shaping is not shape_by_lcor:
+            return None
+        return log_odds_reward(demonstrations.require_model(), settings.odds_limit)
+
     def expert_sampler(
-        self, demonstrations: Demonstrations, box: ActionBox, standardizer: Standardizer
-    ) -> ExpertSampler:
+        self,
+        demonstrations: Demonstrations,
+        box: ActionBox,
+        standardizer: Standardizer,
+        *,
+        settings: TrainSettings,
+    ) -> PairSampler:
         """Select the expert pairs of the method and map them to the inputs of the networks.
+
+        Where a method imitates by weight and no unlabeled pair has one above 0, batches are of
+        labeled pairs alone.
 
         Parameters
         ----------
@@ -102,19 +138,30 @@ class Method:
             Range of the environment's actions.
         standardizer:
             Standardization of states.
+        settings:
+            Settings of the run.
 
         Returns
         -------
         :
-            The pairs of positive weight.
+            Draws the pairs of positive weight.
         """
-        weights = np.asarray(self.expert_weights(demonstrations), np.float32)
-        kept = weights > 0
-        return ExpertSampler(
-            states=standardizer(demonstrations.states[kept]),
-            actions=box.to_unit(demonstrations.actions[kept]),
-            weights=weights[kept],
-        )
+        weights = np.asarray(self.expert_weights(demonstrations, settings), np.float32)
+
+        def select(kept: NDArray[np.bool_], weights: NDArray[np.float32]) -> ExpertSampler:
+            return ExpertSampler(
+                states=standardizer(demonstrations.states[kept]),
+                actions=box.to_unit(demonstrations.actions[kept]),
+                weights=weights[kept],
+            )
+
+        if not self.half_labeled:
+            return select(weights > 0, weights)
+        labeled = select(demonstrations.labeled, np.ones_like(weights))
+        unlabeled = (weights > 0) & ~demonstrations.labeled
+        if not unlabeled.any():
+            return labeled
+        return HalfLabeledSampler(labeled, select(unlabeled, weights))
 
 
 _CLONE_ONLY = {"steps": 0, "pretrained": True}
@@ -129,11 +176,13 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ssil": Method(imitate_labeled, shape_by_lcor),
         "gail-leverage": Method(imitate_by_leverage),
         "ssil-leverage": Method(imitate_by_leverage, shape_by_lcor),
+        "gail-shuffled": Method(imitate_by_shuffled_leverage),
         "shuffled": Method(imitate_labeled, shape_by_shuffled_lcor),
         "constant": Method(imitate_labeled, fixed_settings=_CONSTANT_REWARD),
         "clone": Method(imitate_labeled, fixed_settings=_CLONE_ONLY),
         "clone-mixed": Method(imitate_all, fixed_settings=_CLONE_ONLY),
         "clone-leverage": Method(imitate_by_leverage, fixed_settings=_CLONE_ONLY),
+        "clone-shuffled": Method(imitate_by_shuffled_leverage, fixed_settings=_CLONE_ONLY),
     }
 )
 """Every method by the name that the command uses."""

@@ -33,6 +33,9 @@ class Rollout:
         Where an episode really ended, (T, N).
     ended:
         Where it ended in any way, by a real end or by a time limit, (T, N).
+    steps:
+        Place of each step in its episode, (T, N); an episode that began before the rollout goes on
+        with its numbers.
     """
 
     states: NDArray[np.float32]
@@ -41,6 +44,7 @@ class Rollout:
     actions: NDArray[np.float32]
     terminated: NDArray[np.bool_]
     ended: NDArray[np.bool_]
+    steps: NDArray[np.int64]
 
 
 class RolloutCollector:
@@ -90,6 +94,7 @@ class RolloutCollector:
         self.action_box = ActionBox(actions.low.astype(np.float32), actions.high.astype(np.float32))
         self.envs = envs
         self.states = np.zeros((envs.num_envs, self.state_width), np.float32)
+        self.step_numbers = np.zeros(envs.num_envs, np.int64)
 
     def reset(self, seed: int) -> NDArray[np.float32]:
         """Reset every environment.
@@ -111,6 +116,7 @@ class RolloutCollector:
         """
         states, _ = self.envs.reset(seed=seed)
         self.states = np.array(states, np.float32)
+        self.step_numbers = np.zeros(self.envs.num_envs, np.int64)
         _refuse_nonfinite("states", self.states)
         return self.states
 
@@ -140,14 +146,17 @@ class RolloutCollector:
         means = np.empty_like(noise)
         terminated = np.empty((horizon, count), bool)
         ended = np.empty_like(terminated)
+        steps = np.empty((horizon, count), np.int64)
         sigma = np.exp(policy.log_sigma)
         for t in range(horizon):
             states[t] = self.states
+            steps[t] = self.step_numbers
             means[t] = policy.mean(self.states)
             action = self.action_box.from_unit(means[t] + sigma * noise[t])
             observed, _, terminated[t], truncated, info = self.envs.step(action)
             self.states = np.array(observed, np.float32)
             ended[t] = terminated[t] | truncated
+            self.step_numbers = np.where(ended[t], 0, self.step_numbers + 1)
             next_states[t] = self.states
             # An ended environment is already in its next episode: its last state is in the info.
             for row in np.flatnonzero(ended[t]):
@@ -155,7 +164,7 @@ class RolloutCollector:
             _refuse_nonfinite("states", next_states[t], self.states)
         sampled = means + sigma * noise
         actions = np.clip(sampled, -1, 1)
-        return Rollout(states, next_states, sampled, actions, terminated, ended)
+        return Rollout(states, next_states, sampled, actions, terminated, ended, steps)
 
 
 def measure_returns(

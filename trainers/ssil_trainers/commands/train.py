@@ -39,15 +39,17 @@ def train(
     ----------
     method:
         gail imitates the labeled pairs; mixgail adds CoR to its reward, ssil LCoR. gail-mixed
-        imitates all pairs, gail-leverage and ssil-leverage all by their leverage. Controls are
-        shuffled (LCoR of shuffled leverage) and constant (the same reward everywhere). clone,
-        clone-mixed and clone-leverage clone the labeled pairs, all, or all by their leverage.
+        imitates all pairs; gail-leverage and ssil-leverage take half of every batch from labeled
+        pairs and half from unlabeled ones by their leverage. clone, clone-mixed and clone-leverage
+        clone the labeled pairs, all, or half and half. Controls are gail-shuffled and
+        clone-shuffled (by leverage, each unlabeled pair by that of another), shuffled (LCoR of
+        shuffled leverage) and constant (the same reward everywhere).
     env:
         racetrack, rc-lidar or the id of any gymnasium environment with Box spaces; settings of the
         environment follow as in racetrack?policy_hz=5&track=large.
     preset:
         `paper` turns off what goes beyond the paper: one-step advantages, no centering, no
-        gradient penalty, no spectral norm.
+        gradient penalty, no spectral norm, no pair reward.
     output:
         Folder of the policy file, checkpoint, curve and TensorBoard events; without it, a folder in
         `training/` named after what is trained.

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from ssil_data.errors import ConflictError
 from ssil_trainers.algorithms import tensor_file
+from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.learner import Learner
+from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.training.history import HistoryRow
 
 KIND = "ssil checkpoint"
@@ -63,11 +65,28 @@ def read_checkpoint(
     Raises
     ------
     ConflictError
-        If the checkpoint is another run's; it names what differs.
+        If the checkpoint is another run's; it names what differs. Also for one of version 0.1 by a
+        method that imitates by weight: its batches were drawn in another way.
     """
     arrays, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
-    _check_same_run(metadata["identity"], identity)
+    _check_same_run(_complete_settings(metadata["identity"]), identity)
     return arrays, metadata
+
+
+def _complete_settings(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Give a checkpoint of an earlier version the defaults of the settings that it lacks."""
+    by_weight = [name for name, method in METHODS.items() if method.half_labeled]
+    if identity["method"] in by_weight and "expert_weighting" not in identity["settings"]:
+        raise ConflictError(
+            f"checkpoint: {identity['method']} of version 0.1 drew whole batches by leverage, and "
+            "now half of each is labeled; another folder takes a new run"
+        )
+    defaults = {
+        STORED_NAMES.get(name, name): value
+        for name, value in asdict(TrainSettings()).items()
+        if name != "steps"
+    }
+    return {**identity, "settings": {**defaults, **identity["settings"]}}
 
 
 def _check_same_run(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -62,16 +63,19 @@ class TrainingData:
         pairs = dataset.pairs()
         leverage = None
         leverage_field = None
+        open_model = None
         if run is not None:
             leverage = np.asarray(dataset.leverage(run))
             options: dict[str, Any] = {"threads": threads} if isinstance(dataset, Dataset) else {}
             leverage_field = dataset.field(run, **options)
+            open_model = partial(dataset.model, run)
         demonstrations = Demonstrations(
             states=pairs.states,
             actions=pairs.actions,
             labeled=dataset.per_pair("labeled").astype(bool),
             leverage=leverage,
             field=leverage_field,
+            open_model=open_model,
             threads=threads,
         )
         identity = {"dataset": dataset.name, "version": dataset.version, "run": run}

@@ -165,9 +165,12 @@ class TrainRun:
             self.learner = Learner(
                 self.settings,
                 collector=collector,
-                experts=row.expert_sampler(demonstrations, collector.action_box, standardizer),
+                experts=row.expert_sampler(
+                    demonstrations, collector.action_box, standardizer, settings=self.settings
+                ),
                 shaping=row.shaping(demonstrations, self.settings.seed),
                 standardizer=standardizer,
+                pair_reward=row.pair_reward(demonstrations, self.settings),
             )
 
     @property

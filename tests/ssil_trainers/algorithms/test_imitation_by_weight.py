@@ -1,0 +1,177 @@
+"""Imitation by weight: half of every batch is labeled, half are unlabeled pairs by their weight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssil_data.errors import InvalidInputError
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.demonstrations import Demonstrations
+from ssil_trainers.algorithms.expert_sampler import ExpertSampler, PairSampler
+from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler
+from ssil_trainers.algorithms.methods import METHODS
+from ssil_trainers.algorithms.odds import density_ratio, log_odds
+from ssil_trainers.algorithms.policy import ActionBox
+from support.toy_environment import demonstrations
+
+LABELED = 3
+LEVERAGE = np.array([0.3, 0.9, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0], np.float32)
+"""Of three labeled pairs, then of five unlabeled ones."""
+BY_WEIGHT = ["gail-leverage", "ssil-leverage", "clone-leverage", "gail-shuffled", "clone-shuffled"]
+BOX = ActionBox(np.full(1, -9, np.float32), np.full(1, 9, np.float32))
+
+
+def numbered(leverage: np.ndarray = LEVERAGE) -> Demonstrations:
+    """Demonstrations whose state is their number, and whose action is minus that."""
+    number = np.arange(len(leverage), dtype=np.float32)[:, None]
+    return Demonstrations(number, -number, np.arange(len(leverage)) < LABELED, leverage)
+
+
+def sampler(
+    method: str = "gail-leverage", of: Demonstrations | None = None, **settings: Any
+) -> PairSampler:
+    of = of or numbered()
+    row = METHODS[method]
+    return row.expert_sampler(of, BOX, of.standardizer, settings=TrainSettings(**settings))
+
+
+def draw(experts: PairSampler, count: int, seed: int = 0) -> np.ndarray:
+    """Draw pairs; return their numbers, which states and actions agree on."""
+    states, actions = experts.sample(count, np.random.default_rng(seed))
+    assert len(states) == len(actions) == count
+    found = np.rint(-9 * actions.numpy().ravel()).astype(int)
+    of = numbered()
+    np.testing.assert_allclose(states.numpy(), of.standardizer(of.states)[found])
+    return found
+
+
+@pytest.mark.parametrize("method", BY_WEIGHT)
+@pytest.mark.parametrize("count", [2, 64, 256])
+def test_half_of_every_batch_is_labeled(method: str, count: int) -> None:
+    experts = sampler(method)
+    for seed in range(20):
+        assert (draw(experts, count, seed) < LABELED).sum() == count / 2
+
+
+def test_of_an_odd_batch_the_larger_part_is_labeled() -> None:
+    assert (draw(sampler(), 7) < LABELED).sum() == 4
+    assert (draw(sampler(), 1) < LABELED).all()
+
+
+def test_labeled_pairs_are_drawn_alike_whatever_their_leverage() -> None:
+    labeled = draw(sampler(), 24_000)[:12_000]
+    np.testing.assert_allclose(np.bincount(labeled) / 12_000, np.full(3, 1 / 3), atol=0.015)
+
+
+@pytest.mark.parametrize(
+    ("settings", "weights"),
+    [
+        ({}, [0, 0.25, 0.5, 0.75, 1]),
+        ({"expert_weighting": "ratio"}, [0, 1 / 3, 1, 3, 20]),
+        ({"expert_weighting": "ratio", "odds_limit": 2.0}, [0, 1 / 3, 1, 2, 2]),
+    ],
+    ids=["posterior", "ratio", "ratio below 2"],
+)
+def test_unlabeled_pairs_are_drawn_by_leverage_or_by_its_odds(
+    settings: dict[str, Any], weights: list[float]
+) -> None:
+    unlabeled = draw(sampler(**settings), 24_000)[12_000:] - LABELED
+    shares = np.array(weights) / sum(weights)
+    np.testing.assert_allclose(np.bincount(unlabeled, minlength=5) / 12_000, shares, atol=0.015)
+
+
+@pytest.mark.parametrize("method", BY_WEIGHT)
+@pytest.mark.parametrize("weighting", ["posterior", "ratio"])
+@pytest.mark.parametrize("rows", [slice(None), slice(LABELED)], ids=["leverage 0", "all labeled"])
+def test_without_an_unlabeled_pair_of_positive_weight_batches_are_labeled(
+    method: str, weighting: str, rows: slice
+) -> None:
+    leverage = np.where(np.arange(8) < LABELED, 1, 0).astype(np.float32)[rows]
+    experts = sampler(method, numbered(leverage), expert_weighting=weighting)
+    assert isinstance(experts, ExpertSampler)
+    np.testing.assert_array_equal(experts.weights, np.ones(LABELED))
+    assert (draw_states(experts, 50) < LABELED).all()
+
+
+def draw_states(experts: ExpertSampler, count: int) -> np.ndarray:
+    _, actions = experts.sample(count, np.random.default_rng(0))
+    return np.rint(-9 * actions.numpy().ravel())
+
+
+@pytest.mark.parametrize("weighting", ["posterior", "ratio"])
+@pytest.mark.parametrize("everywhere", [1.0, 0.5, 1e-30])
+def test_leverage_that_is_the_same_everywhere_draws_all_unlabeled_pairs_alike(
+    weighting: str, everywhere: float
+) -> None:
+    leverage = np.full(8, everywhere, np.float32)
+    experts = sampler(of=numbered(leverage), expert_weighting=weighting)
+    assert isinstance(experts, HalfLabeledSampler)
+    assert np.isfinite(experts.unlabeled.weights).all()
+    assert np.ptp(experts.unlabeled.weights) == 0
+    assert set(draw(experts, 256)[128:]) == {3, 4, 5, 6, 7}
+
+
+@given(st.lists(st.floats(0, 1, width=32), min_size=1, max_size=9), st.floats(1.001, 1e6))
+def test_odds_keep_the_order_and_their_limits(leverage: list[float], limit: float) -> None:
+    w = np.array(leverage, np.float32)
+    ratio = density_ratio(w, limit)
+    logarithm = log_odds(w, limit)
+    order = np.argsort(w)
+    for odds in (ratio, logarithm):
+        assert np.isfinite(odds).all()
+        assert (np.diff(odds[order]) >= 0).all()
+    assert (ratio >= 0).all() and (ratio <= limit * (1 + 1e-12)).all()
+    assert (np.abs(logarithm) <= np.log(limit) * (1 + 1e-9) + 1e-9).all()
+    inside = (ratio > 1.01 / limit) & (ratio < 0.99 * limit)
+    np.testing.assert_allclose(np.exp(logarithm[inside]), ratio[inside], rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["gail-shuffled", "clone-shuffled"])
+@pytest.mark.parametrize("weighting", ["posterior", "ratio"])
+def test_shuffled_twins_have_the_same_weights_at_other_pairs(method: str, weighting: str) -> None:
+    of = demonstrations()
+    twin = method.replace("shuffled", "leverage")
+
+    def unlabeled(name: str, seed: int = 0) -> np.ndarray:
+        experts = sampler(name, of, expert_weighting=weighting, seed=seed)
+        assert isinstance(experts, HalfLabeledSampler)
+        assert len(experts.labeled.weights) == 300
+        return experts.unlabeled.weights
+
+    shuffled = unlabeled(method)
+    np.testing.assert_array_equal(np.sort(shuffled), np.sort(unlabeled(twin)))
+    assert (shuffled != unlabeled(twin)).any()
+    np.testing.assert_array_equal(shuffled, unlabeled(method))
+    assert (shuffled != unlabeled(method, seed=1)).any()
+    assert of.leverage is not None and of.leverage[0] == np.float32(0.9)
+
+
+def test_the_same_seed_draws_the_same_batches() -> None:
+    for one, other in zip(
+        sampler().sample(64, np.random.default_rng(3)),
+        sampler().sample(64, np.random.default_rng(3)),
+        strict=True,
+    ):
+        assert torch.equal(one, other)
+    assert (draw(sampler(), 64, seed=3) != draw(sampler(), 64, seed=4)).any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"expert_weighting": "all"}, "expert_weighting: expected one of posterior, ratio, found"),
+        ({"odds_limit": 1.0}, "odds_limit: expected a number above 1, found 1.0"),
+        ({"odds_limit": float("inf")}, "odds_limit: expected a number above 1"),
+        ({"pair_reward": -1.0}, "pair_reward: expected a number of at least 0"),
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        replace(TrainSettings(), **wrong)
