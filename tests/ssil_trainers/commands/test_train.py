@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 import json
 import re
@@ -68,6 +69,41 @@ def test_the_preset_paper_changes_its_settings_and_no_others(
     assert paper["gae_lambda"] == 0 and paper["kl"] == 0.02
 
 
+def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_record(
+    pendulum: Dataset, tmp_path: Path
+) -> None:
+    score(pendulum, VAE(steps=20), run="vae")
+    train = ["train", "ssil-leverage", "--env", "Pendulum-v1", "--dataset", "swings"]
+    train += ["--run", "vae", *SHORT_TRAINING]
+    flags = ["--expert-weighting", "ratio", "--odds-limit", "9", "--pair-reward", "0.5"]
+    found = {}
+    for name, more in (
+        ("usual", []),
+        ("flags", flags),
+        ("paper", [*flags, "--preset", "paper"]),
+    ):
+        assert run(*train, *more, "-o", tmp_path / name) == 0
+        found[name] = Policy.load(tmp_path / name / "policy.safetensors").metadata["settings"]
+    names = ("expert_weighting", "odds_limit", "pair_reward")
+    assert [found["usual"][name] for name in names] == ["posterior", 20.0, 0.0]
+    assert [found["flags"][name] for name in names] == ["ratio", 9.0, 0.5]
+    assert found["paper"]["pair_reward"] == 0
+    with (tmp_path / "flags" / "curve.csv").open() as lines:
+        assert all(float(row["log_odds"]) != 0 for row in list(csv.DictReader(lines))[1:])
+
+
+def test_a_control_of_the_weights_is_trained_from_the_command_line(
+    pendulum: Dataset, tmp_path: Path
+) -> None:
+    score(pendulum, VAE(steps=20), run="vae")
+    layers = []
+    for method in ("clone-leverage", "clone-shuffled"):
+        words = ["train", method, "--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae"]
+        assert run(*words, *SHORT_TRAINING, "-o", tmp_path / method) == 0
+        layers.append(Policy.load(tmp_path / method / "policy.safetensors").layers[0][0])
+    assert (layers[0] != layers[1]).any()
+
+
 def test_resuming_without_a_checkpoint_starts_and_says_so(
     pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -110,6 +146,9 @@ def test_the_help_describes_every_method() -> None:
         (["gail", "--dataset", "none"], "expected one of [swings]"),
         (["ssil", "--dataset", "swings", "--run", "none"], "found 'none'"),
         (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
+        (["clone-shuffled", "--dataset", "swings"], "needs the leverage of a scoring run"),
+        (["gail", "--dataset", "swings", "--odds-limit", "1"], "odds_limit: expected a number"),
+        (["gail", "--dataset", "swings", "--expert-weighting", "all"], "posterior"),
     ],
 )
 def test_a_wrong_training_command_is_refused_before_anything_is_written(

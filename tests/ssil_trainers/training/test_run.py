@@ -98,6 +98,67 @@ def test_interrupted_and_resumed_is_uninterrupted(
     assert [row.steps for row in result.curve] == [80 * k for k in range(8)]
 
 
+def write_as_version_0_1(folder: Path, *, lacks: set[str]) -> None:
+    """Take settings and figures out of a checkpoint that its first version did not have."""
+    arrays, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
+    assert lacks <= set(metadata["identity"]["settings"])
+    for name in lacks:
+        del metadata["identity"]["settings"][name]
+    for row in metadata["curve"]:
+        if row["iteration"] is not None:
+            del row["iteration"]["log_odds"]
+    tensor_file.write(folder / CHECKPOINT, arrays, metadata)
+
+
+NEW_SETTINGS = {"pair_reward", "expert_weighting", "odds_limit"}
+
+
+def test_a_checkpoint_without_newer_settings_goes_on_with_their_defaults(tmp_path: Path) -> None:
+    train_toy(tmp_path / "whole")
+    with pytest.raises(Stop):
+        train_toy(tmp_path / "cut", callback=stop_after(5))
+    write_as_version_0_1(tmp_path / "cut", lacks=NEW_SETTINGS)
+    with pytest.raises(ConflictError, match=r"odds_limit 20.0 as before, found 9.0"):
+        train_toy(tmp_path / "cut", resume=True, odds_limit=9.0)
+    result = train_toy(tmp_path / "cut", resume=True)
+    assert [row.steps for row in result.curve] == [80 * k for k in range(8)]
+    assert (tmp_path / "cut" / POLICY).read_bytes() == (tmp_path / "whole" / POLICY).read_bytes()
+
+
+@pytest.mark.parametrize("method", ["gail-leverage", "clone-leverage"])
+def test_a_checkpoint_whose_batches_were_drawn_in_another_way_is_refused(
+    tmp_path: Path, method: str
+) -> None:
+    train_toy(tmp_path, method)
+    assert train_toy(tmp_path, method, resume=True).curve
+    write_as_version_0_1(tmp_path, lacks=NEW_SETTINGS)
+    with pytest.raises(ConflictError, match=f"{method} of version 0.1 drew whole batches"):
+        train_toy(tmp_path, method, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("method", "settings"),
+    [
+        ("gail-leverage", {}),
+        ("gail-leverage", {"expert_weighting": "ratio"}),
+        ("clone-leverage", {"expert_weighting": "ratio", "odds_limit": 3.0}),
+        ("gail-shuffled", {}),
+        ("clone-shuffled", {}),
+    ],
+)
+def test_imitation_by_weight_has_the_same_bytes_for_the_same_seed(
+    tmp_path: Path, method: str, settings: dict[str, object]
+) -> None:
+    files = []
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train_toy(tmp_path / name, method, seed=seed, **settings)
+        files.append((tmp_path / name / POLICY).read_bytes())
+    assert files[0] == files[1] != files[2]
+    stored = Policy.load(tmp_path / "a" / POLICY).metadata["settings"]
+    assert stored["expert_weighting"] == settings.get("expert_weighting", "posterior")
+    assert stored["odds_limit"] == settings.get("odds_limit", 20.0)
+
+
 def test_files_name_the_settings_as_version_0_1_did(tmp_path: Path) -> None:
     train_toy(tmp_path / "out")
     for name, kind in ((CHECKPOINT, KIND), (POLICY, "ssil policy")):

@@ -19,7 +19,7 @@ from ssil_data.commands import serving
 from ssil_data.commands.output import StoreLocation
 from ssil_data.commands.serving import open_store
 from ssil_data.demonstrations import Episode
-from ssil_data.estimators import VAE
+from ssil_data.estimators import VAE, WindowVAE
 from ssil_data.field import LeverageField
 from ssil_data.scoring import score
 from ssil_data.store import Store
@@ -66,6 +66,7 @@ def toy_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     ]
     made = store.create("toy", episodes, state_names=["place", "goal"], action_names=["move"])
     score(made, VAE(steps=20), run="vae")
+    score(made, WindowVAE(steps=20), run="windowvae")
     return store
 
 
@@ -81,10 +82,13 @@ def train_toy(
     folder: Path,
     method: str = "ssil",
     callback: Callback = lambda row: None,
+    *,
+    pair_reward: float = 0.0,
 ) -> None:
     """Train in the toy environment, whose expert's return is taken for -2."""
     data = replace(data, expert_return=-2.0)
-    train(method, data, LineEnv, settings=SETTINGS, folder=folder, callback=callback)
+    settings = replace(SETTINGS, pair_reward=pair_reward)
+    train(method, data, LineEnv, settings=settings, folder=folder, callback=callback)
 
 
 def files(folder: Path) -> list[bytes]:
@@ -103,21 +107,30 @@ def test_one_thread_is_one_thread_for_every_field(toy_store: Store) -> None:
             assert isinstance(field, LeverageField) and field.threads == threads
 
 
-@pytest.mark.parametrize("method", ["ssil", "mixgail", "shuffled"])
+@pytest.mark.parametrize(
+    ("method", "run", "pair_reward"),
+    [
+        ("ssil", "vae", 0.0),
+        ("mixgail", "vae", 0.0),
+        ("shuffled", "vae", 0.0),
+        ("ssil-leverage", "vae", 0.5),
+        ("ssil", "windowvae", 0.5),
+    ],
+)
 def test_rewards_and_policies_are_the_same_three_ways(
-    toy_store: Store, server: Server, tmp_path: Path, method: str
+    toy_store: Store, server: Server, tmp_path: Path, method: str, run: str, pair_reward: float
 ) -> None:
     place = StoreLocation(toy_store.folder.uri)
-    data = {"store": TrainingData.read(toy_store["toy"], "vae", threads=1)}
+    data = {"store": TrainingData.read(toy_store["toy"], run, threads=1)}
     with open_store(place, None) as embedded, open_store(place, server.url) as remote:
-        data["embedded"] = TrainingData.read(embedded["toy"], "vae")
-        data["remote"] = TrainingData.read(remote["toy"], "vae")
+        data["embedded"] = TrainingData.read(embedded["toy"], run)
+        data["remote"] = TrainingData.read(remote["toy"], run)
         fields = [found.demonstrations.field for found in data.values()]
         assert {type(field).__name__ for field in fields} == {"LeverageField", "RemoteField"}
         states = np.random.default_rng(0).normal(size=(300, 2)).astype(np.float32)
         rewards = [[field.lcor(states).values, field.cor(states)] for field in fields]
         for name, found in data.items():
-            train_toy(found, tmp_path / name, method)
+            train_toy(found, tmp_path / name, method, pair_reward=pair_reward)
     for other in rewards[1:]:
         np.testing.assert_array_equal(rewards[0], other)
     first, *others = [files(tmp_path / name) for name in data]

@@ -13,9 +13,12 @@ level out:
   average. A constant is no reward at all from the first iteration on.
 - A real end is to V_C as a time limit: the future is worth V_C(s_{t+1}) and not 0. Centering alone
   would make 0, the average, the worth of every end: ending would pay wherever the pairs ahead are
-  below average, and be punished wherever they are above. With V_C(s_{t+1}), ending in a state and
-  going on from it are worth the same, and only the pairs themselves decide. This holds for LCoR in
-  V_C too, as long as there is a pair reward. Whether an end is good or bad is left to −log D.
+  below average, whatever is done there, and be punished wherever they are above. With V_C(s_{t+1})
+  ending in a state is worth what going on from it is, and only the pairs themselves decide.
+
+The second part is as good as the critic: where the policy never went, V_C is a guess, and while the
+critic learns, ending can pay in front of a long bad stretch. It is also for LCoR, as both have one
+critic. Whether an end is good or bad in itself is left to −log D, which keeps its worth of 0.
 """
 
 from __future__ import annotations
