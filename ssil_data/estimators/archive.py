@@ -40,14 +40,18 @@ _MALFORMED = (ArithmeticError, LookupError, RecursionError, TypeError, ValueErro
 
 
 def to_json(estimator: Estimator) -> dict[str, Any]:
-    """Return settings as a JSON object with their `kind`.
+    """Return settings as a JSON object with their `kind`; without `added` ones at their defaults.
 
     Parameters
     ----------
     estimator
         The settings.
     """
-    return {"kind": estimator.kind, **asdict(estimator)}
+    settings = asdict(estimator)
+    for field in fields(estimator):
+        if field.name in estimator.added and settings[field.name] == field.default:
+            del settings[field.name]
+    return {"kind": estimator.kind, **settings}
 
 
 def from_json(settings: Mapping[str, Any]) -> Estimator:

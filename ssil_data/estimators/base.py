@@ -43,6 +43,9 @@ class Estimator(ABC):
     """Settings of an estimator; every number among them is positive."""
 
     kind: ClassVar[str]
+    added: ClassVar[frozenset[str]] = frozenset()
+    """Settings that the first version did not have. They are stored only where they differ from
+    their defaults, so that what it would have made keeps its bytes."""
 
     def __post_init__(self) -> None:
         """Validate every setting against the type of its default."""

@@ -1,7 +1,7 @@
 """Scoring: fit an estimator on the labeled pairs, give every pair a leverage, commit one run."""
 
+from ssil_data.estimators.label_split import split_held_out
 from ssil_data.leverage_model import LeverageModel, Scored
-from ssil_data.scoring.calibration_split import split_held_out
 from ssil_data.scoring.pipeline import Progress, rescore, score
 from ssil_data.scoring.recipes import PRESETS, Recipe, preset
 

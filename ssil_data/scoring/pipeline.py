@@ -17,11 +17,11 @@ from ssil_data import scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_data.estimators import Estimator, Fitted, dump
+from ssil_data.estimators.label_split import split_held_out
 from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
 from ssil_data.leverage_model import LeverageModel
 from ssil_data.scales import Conformal, Scale
-from ssil_data.scoring.calibration_split import split_held_out
 from ssil_data.scoring.recipes import Recipe
 from ssil_data.scoring.streaming import Streamed, stream
 from ssil_data.store.arrow_schema import PARTS

@@ -87,12 +87,38 @@ def descend(
     rate
         Learning rate of the first step.
     """
+    for _ in take_steps(loss, data, networks, steps=steps, batch=batch, rate=rate):
+        pass
+
+
+def take_steps(
+    loss: Callable[..., Tensor],
+    data: tuple[NDArray[np.float32], ...],
+    networks: list[nn.Module],
+    *,
+    steps: int,
+    batch: int,
+    rate: float,
+) -> Iterator[int]:
+    """Yield after each step of `descend`, so that a caller can look in between, or end early.
+
+    Parameters
+    ----------
+    loss, data, networks, steps, batch, rate
+        Of `descend`.
+
+    Yields
+    ------
+    int
+        How many steps are taken.
+    """
     parameters = [parameter for network in networks for parameter in network.parameters()]
     optimizer = torch.optim.Adam(parameters, lr=rate, fused=True)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     tensors = [torch.from_numpy(array) for array in data]
-    for rows in torch.randint(len(data[0]), (steps, batch)):
+    for done, rows in enumerate(torch.randint(len(data[0]), (steps, batch)), start=1):
         optimizer.zero_grad()
         loss(*(tensor[rows] for tensor in tensors)).backward()
         optimizer.step()
         schedule.step()
+        yield done

@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import norm
 
 from ssil_data.demonstrations import Pairs
-from ssil_data.estimators import MDN
+from ssil_data.estimators import MDN, dump, from_json, load, to_json
+from ssil_data.estimators.learning.mixture import MixtureLearner
 from ssil_data.estimators.mdn import FittedMDN, Mixture
 
 
@@ -78,3 +79,39 @@ def test_surprisal_judges_the_action_and_the_variances_do_not(expert: Pairs):
     plain, judging = (MDN(surprisal=on).fit(expert, seed=0) for on in (False, True))
     np.testing.assert_array_equal(plain.uncertainty(swapped).total, plain.uncertainty(expert).total)
     assert judging.uncertainty(swapped).total.mean() > judging.uncertainty(expert).total.mean() + 1
+
+
+def test_learning_ends_where_held_out_actions_are_likeliest():
+    """Of actions that are noise, the mean alone can be learned: soon, and then only noise is."""
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(1_000, 2))
+    states = rng.normal(size=(1_000, 20))
+    episode = np.repeat(np.arange(10), 100)
+    pairs = Pairs(states, noise, episode, np.tile(np.arange(100), 10))
+    fresh = Pairs(rng.normal(size=(1_000, 20)), rng.normal(size=(1_000, 2)), episode, pairs.step)
+    whole, early = (
+        MDN(surprisal=True, stop_early=on).fit(pairs[:200], seed=0) for on in (False, True)
+    )
+    assert whole.uncertainty(fresh).total.mean() > early.uncertainty(fresh).total.mean() + 0.5
+
+
+def test_what_can_be_learned_to_the_end_is(expert: Pairs):
+    learner = MixtureLearner(
+        components=5, hidden=64, floor=0.1, steps=300, batch=256, rate=3e-3, seed=0
+    )
+    arrays = expert.states.copy(), expert.actions.copy()
+    assert learner.find_best_step(*arrays, held_out=arrays) > 250
+
+
+def test_two_labeled_pairs_are_enough_to_hold_one_out(expert: Pairs):
+    fitted = MDN(stop_early=True).fit(expert[:2], seed=0)
+    assert np.isfinite(fitted.uncertainty(expert).total).all()
+
+
+def test_the_setting_is_stored_only_where_it_is_on(expert: Pairs):
+    """So archives and runs without it keep the bytes that the first version gave them."""
+    assert "stop_early" not in to_json(MDN())
+    early = MDN(stop_early=True)
+    assert to_json(early)["stop_early"] is True
+    assert from_json(to_json(early)) == early
+    assert load(dump(early.fit(expert, seed=0))).settings == early

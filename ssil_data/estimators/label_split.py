@@ -1,4 +1,7 @@
-"""The split of labeled pairs into those to fit on and those to calibrate a conformal scale on."""
+"""The split of labeled pairs into those to fit on and those held out.
+
+A conformal scale is calibrated on the held-out ones; an MDN stops learning by them.
+"""
 
 from __future__ import annotations
 
