@@ -235,6 +235,36 @@ def test_eta_follows_the_rule_in_the_loop() -> None:
         assert learner.eta == pytest.approx(eta)
 
 
+def test_eta_follows_the_value_before_centering() -> None:
+    """Without a step of the policy, the third critic learns what V_C is without centering."""
+    still = replace(TOY, eta=0.0, kl=1e-12)
+    plain = learner_of("ssil", still)
+    centered = learner_of("ssil", replace(still, centered=True))
+    eta = centered.eta = plain.eta = 0.5
+    for _ in range(6):
+        before = values_at_starts(centered)
+        plain.iterate()
+        centered.iterate()
+        after = values_at_starts(centered)
+        assert after[2] == pytest.approx(values_at_starts(plain)[1], rel=1e-3)
+        assert abs(after[1]) < 0.1 * after[2]  # of the centered reward, about 0
+        eta *= TOY.eta_decay if after[0] - before[0] > after[2] - before[2] else 1
+        assert centered.eta == plain.eta == pytest.approx(eta)
+
+
+def values_at_starts(learner: Learner) -> list[float]:
+    """Return each critic's mean value of the states in which the environments last started."""
+    return learner.critics(learner.standardize(learner.initial)).mean(dim=1).tolist()
+
+
+@pytest.mark.parametrize(("method", "centered"), [("gail", True), ("ssil", False)])
+def test_there_is_no_third_critic_where_it_would_learn_what_the_second_does(
+    method: str, centered: bool
+) -> None:
+    assert learner_of(method, replace(TOY, centered=centered)).critics.count == 2
+    assert learner_of("ssil", replace(TOY, centered=True)).critics.count == 3
+
+
 def learner_of(
     method: str, settings: TrainSettings = TOY, make_envs: Callable[[int], LineEnv] = LineEnv
 ) -> Learner:
@@ -245,7 +275,7 @@ def learner_of(
         settings,
         collector=collector,
         experts=row.expert_sampler(of, collector.action_box, of.standardizer, settings=settings),
-        shaping=row.shaping(of, settings.seed),
+        shaping=row.shaping(of, settings),
         standardizer=of.standardizer,
     )
     learner.reset_environments()
@@ -254,9 +284,8 @@ def learner_of(
 
 def test_a_constant_state_reward_gives_no_survival_bonus_when_it_is_centered() -> None:
     plain = learner_of("ssil")
-    centered = learner_of("ssil")
+    centered = learner_of("ssil", replace(TOY, centered=True))
     gail = learner_of("gail")
-    centered.settings = replace(TOY, centered=True)
     for learner in (plain, centered):
         learner.shaping = lambda states: np.full(len(states), 0.7)
     for learner in (plain, centered, gail):

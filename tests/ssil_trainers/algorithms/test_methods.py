@@ -10,8 +10,8 @@ import pytest
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.features import Standardizer
-from ssil_data.field import auto_alpha
-from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.config import PAPER, TrainSettings
+from ssil_trainers.algorithms.cor_sharpness import EVEN, auto_cor_alpha
 from ssil_trainers.algorithms.demonstrations import Demonstrations
 from ssil_trainers.algorithms.expert_sampler import ExpertSampler
 from ssil_trainers.algorithms.methods import METHODS, MethodName
@@ -59,10 +59,11 @@ def test_experts_are_the_labeled_pairs_unless_all_are_imitated(method: str, pair
 def test_methods_differ_by_the_shaping() -> None:
     of = demonstrations()
     states = of.states[:7] + 0.1
-    shaped = {name: METHODS[name].shaping(of, 0)(states) for name in METHODS}
+    settings = TrainSettings(cor_alpha=3.0)
+    shaped = {name: METHODS[name].shaping(of, settings)(states) for name in METHODS}
     assert not shaped["gail"].any() and not shaped["constant"].any()
     np.testing.assert_array_equal(shaped["ssil"], of.field.lcor(states).values)
-    np.testing.assert_array_equal(shaped["mixgail"], of.field.cor(states))
+    np.testing.assert_array_equal(shaped["mixgail"], of.field.at(3.0).cor(states))
     mixed = of.field.lcor(states).values - shaped["shuffled"]
     assert np.abs(mixed).max() > 0.01
 
@@ -70,21 +71,53 @@ def test_methods_differ_by_the_shaping() -> None:
 def test_shuffled_leverage_has_the_same_values_and_follows_the_seed() -> None:
     of = demonstrations()
     states = demonstrations().states[:50]
-    one, again, other = (METHODS["shuffled"].shaping(of, seed)(states) for seed in (0, 0, 1))
+    one, again, other = (
+        METHODS["shuffled"].shaping(of, TrainSettings(seed=seed))(states) for seed in (0, 0, 1)
+    )
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
     mean = float(of.leverage.mean())
     assert one.mean() == pytest.approx(mean, abs=0.03)
 
 
-def test_mixgail_without_a_run_fits_its_own_kernel() -> None:
+def test_mixgail_fits_its_own_kernel_whatever_that_of_a_run_is() -> None:
     of = demonstrations()
-    alone = METHODS["mixgail"].shaping(replace(of, leverage=None, field=None), 0)
-    fitted = of.make_field(of.leverage, auto_alpha(of.standardizer(of.states)))
-    np.testing.assert_array_equal(alone(of.states[:50]), fitted.cor(of.states[:50]))
-    with_run = METHODS["mixgail"].shaping(of, 0)
-    np.testing.assert_array_equal(with_run(of.states[:50]), of.field.cor(of.states[:50]))
-    assert not METHODS["mixgail"].requires_run and METHODS["mixgail"].uses_run
+    row = METHODS["mixgail"]
+    alpha = auto_cor_alpha(of.standardizer(of.states), of.labeled)
+    assert alpha != of.field.alpha
+    for settings in (TrainSettings(), TrainSettings(**PAPER)):
+        alone = row.shaping(replace(of, leverage=None, field=None), settings)
+        expected = of.field.at(alpha).cor(of.states[:50])
+        np.testing.assert_allclose(alone(of.states[:50]), expected, rtol=1e-12)
+        np.testing.assert_array_equal(row.shaping(of, settings)(of.states[:50]), expected)
+        assert row.complete(settings, of).cor_alpha == alpha
+    assert METHODS["ssil"].complete(TrainSettings(), of).cor_alpha == "auto"
+    assert not row.requires_run and row.uses_run
+
+
+def test_the_sharpness_of_cor_spreads_it_as_evenly_as_any() -> None:
+    """Two groups: far apart a flat kernel tells them apart too well, close together none does."""
+    labeled = np.arange(400) < 200
+    for apart in (0.05, 1.0, 30.0):
+        states = np.linspace(0, 1, 400, dtype=np.float32)[:, None] + apart * labeled[:, None]
+        alpha = auto_cor_alpha(states, labeled)
+        field = Demonstrations(states, states, labeled).make_field(np.ones(400, np.float32), alpha)
+        raw = replace(field, standardizer=Standardizer(np.zeros(1), np.ones(1)))
+        away = abs(raw.cor(states).std() - EVEN)
+        for other in (0.01, 0.1, 1.0, 10.0, 100.0, 10_000.0):
+            assert away <= abs(raw.at(other).cor(states).std() - EVEN) + 1e-12
+
+
+@pytest.mark.parametrize("labeled", [True, False])
+def test_cor_is_refused_where_all_states_are_labeled_or_none(labeled: bool) -> None:
+    with pytest.raises(InvalidInputError, match="CoR: expected labeled and unlabeled states"):
+        auto_cor_alpha(np.zeros((3, 1), np.float32), np.full(3, labeled))
+
+
+@pytest.mark.parametrize("alpha", [0.0, -1.0, np.nan, np.inf, "sharp"])
+def test_a_sharpness_that_is_none_is_refused(alpha: float) -> None:
+    with pytest.raises(InvalidInputError, match="cor_alpha: expected auto or a number from 1e-06"):
+        TrainSettings(cor_alpha=alpha)
 
 
 @pytest.mark.parametrize("method", ["ssil", "shuffled", "clone-leverage", "gail-shuffled"])
@@ -93,7 +126,7 @@ def test_a_method_that_requires_a_run_is_refused_without_one(method: str) -> Non
     row = METHODS[method]
     assert row.requires_run
     with pytest.raises(InvalidInputError, match="run"):
-        row.shaping(of, 0)
+        row.shaping(of, TrainSettings())
         row.expert_sampler(of, BOX, of.standardizer, settings=TrainSettings())
 
 

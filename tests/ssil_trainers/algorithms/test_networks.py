@@ -9,10 +9,10 @@ from torch import nn
 from torch.distributions import Independent, Normal, kl_divergence
 
 from ssil_trainers.algorithms.networks import (
+    Critics,
     Discriminator,
     Gaussian,
     PolicyNetwork,
-    TwoCritics,
     perceptron,
 )
 
@@ -37,7 +37,7 @@ def test_gaussian_agrees_with_torch_distributions() -> None:
 
 
 def test_two_critics_are_two_networks() -> None:
-    critics = TwoCritics(5, 8, discount=0.9)
+    critics = Critics(5, 8, discount=0.9)
     for weight in critics.parameters():
         nn.init.normal_(weight)
     states = torch.randn(11, 5)
@@ -49,8 +49,20 @@ def test_two_critics_are_two_networks() -> None:
         torch.testing.assert_close(critics(states)[number], 10 * x[:, 0])
 
 
+def test_a_third_critic_begins_as_the_second_and_draws_no_random_numbers() -> None:
+    torch.manual_seed(0)
+    two = Critics(5, 8, discount=0.9)
+    after_two = torch.rand(1)
+    torch.manual_seed(0)
+    three = Critics(5, 8, discount=0.9, uncentered=True)
+    assert torch.rand(1) == after_two
+    for of_two, of_three in zip(two.parameters(), three.parameters(), strict=True):
+        torch.testing.assert_close(of_three[:2], of_two, rtol=0, atol=0)
+        torch.testing.assert_close(of_three[2], of_two[1], rtol=0, atol=0)
+
+
 def test_a_critic_of_no_reward_stays_zero_while_the_other_learns() -> None:
-    critics = TwoCritics(5, 8, discount=0.9)
+    critics = Critics(5, 8, discount=0.9)
     adam = torch.optim.Adam(critics.parameters(), lr=0.1, fused=True)
     states = torch.randn(32, 5)
     targets = torch.stack([torch.randn(32), torch.zeros(32)])

@@ -14,6 +14,7 @@ import torch
 from ssil_data.errors import ConflictError, InvalidInputError
 from ssil_trainers.algorithms import tensor_file
 from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.cor_sharpness import auto_cor_alpha
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.training.checkpoint import CHECKPOINT, KIND
 from ssil_trainers.training.data import TrainingData
@@ -110,19 +111,41 @@ def write_as_version_0_1(folder: Path, *, lacks: set[str]) -> None:
     tensor_file.write(folder / CHECKPOINT, arrays, metadata)
 
 
-NEW_SETTINGS = {"pair_reward", "expert_weighting", "odds_limit"}
+NEW_SETTINGS = {"pair_reward", "expert_weighting", "odds_limit", "cor_alpha"}
 
 
 def test_a_checkpoint_without_newer_settings_goes_on_with_their_defaults(tmp_path: Path) -> None:
-    train_toy(tmp_path / "whole")
+    train_toy(tmp_path / "whole", centered=False)
     with pytest.raises(Stop):
-        train_toy(tmp_path / "cut", callback=stop_after(5))
+        train_toy(tmp_path / "cut", centered=False, callback=stop_after(5))
     write_as_version_0_1(tmp_path / "cut", lacks=NEW_SETTINGS)
     with pytest.raises(ConflictError, match=r"odds_limit 20.0 as before, found 9.0"):
-        train_toy(tmp_path / "cut", resume=True, odds_limit=9.0)
-    result = train_toy(tmp_path / "cut", resume=True)
+        train_toy(tmp_path / "cut", centered=False, resume=True, odds_limit=9.0)
+    result = train_toy(tmp_path / "cut", centered=False, resume=True)
     assert [row.steps for row in result.curve] == [80 * k for k in range(8)]
     assert (tmp_path / "cut" / POLICY).read_bytes() == (tmp_path / "whole" / POLICY).read_bytes()
+
+
+def test_a_checkpoint_whose_eta_followed_another_rule_is_refused(tmp_path: Path) -> None:
+    train_toy(tmp_path / "ssil")
+    train_toy(tmp_path / "gail", "gail")
+    for method in ("ssil", "gail"):
+        write_as_version_0_1(tmp_path / method, lacks=NEW_SETTINGS)
+    with pytest.raises(ConflictError, match="ssil of version 0.1 judged η by the centered"):
+        train_toy(tmp_path / "ssil", resume=True)
+    assert train_toy(tmp_path / "gail", "gail", resume=True).curve  # no state reward, no other rule
+
+
+def test_the_sharpness_of_cor_is_stored_as_it_was_fitted(tmp_path: Path) -> None:
+    of = demonstrations()
+    fitted = auto_cor_alpha(of.standardizer(of.states), of.labeled)
+    for name, settings in (("auto", {}), ("given", {"cor_alpha": fitted})):
+        train_toy(tmp_path / name, "mixgail", **settings)
+        assert Policy.load(tmp_path / name / POLICY).metadata["settings"]["cor_alpha"] == fitted
+    files = [(tmp_path / name / POLICY).read_bytes() for name in ("auto", "given")]
+    assert files[0] == files[1]
+    train_toy(tmp_path / "ssil")
+    assert Policy.load(tmp_path / "ssil" / POLICY).metadata["settings"]["cor_alpha"] == "auto"
 
 
 @pytest.mark.parametrize("method", ["gail-leverage", "clone-leverage"])

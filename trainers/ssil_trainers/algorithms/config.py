@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.kernels import check_alpha
 
 _MAY_BE_ZERO = frozenset(
     {
@@ -39,8 +40,9 @@ PAPER: Mapping[str, Any] = MappingProxyType(
 )
 """The preset `paper`: one-step advantages as in Algorithm 1, and nothing that goes beyond it.
 
-The paper calls α, the sharpness of the kernel, a hyperparameter and never states it; with either
-preset, α is the one that the scoring run fitted to the demonstrations.
+The paper calls α, the sharpness of the kernel, a hyperparameter and never states it. With either
+preset LCoR takes the α that the scoring run fitted to the demonstrations, and CoR, a method of its
+own with a kernel of other distances, the one that `cor_alpha` fits to them.
 """
 
 
@@ -98,7 +100,11 @@ class TrainSettings:
         ε, at most 1: η is multiplied by it when V_D rises more than V_C.
     centered:
         Beyond the paper: the state reward minus its mean over the rollout, so that a constant
-        reward gives no survival bonus.
+        reward gives no survival bonus. η still follows V_C of the reward as the paper has it,
+        which a third critic learns.
+    cor_alpha:
+        α of CoR, for mixgail: `auto`, the one at which CoR of the demonstrations is spread most
+        evenly, or a number above 0; the larger, the sharper.
     pair_reward:
         Beyond the paper: weight of the log-odds of the leverage of the pair (s, a) in the state
         reward of ssil and ssil-leverage; 0 is off.
@@ -163,6 +169,7 @@ class TrainSettings:
     eta: float = 1.0
     eta_decay: float = 0.99
     centered: bool = True
+    cor_alpha: Literal["auto"] | float = "auto"
     pair_reward: float = 0.0
     expert_weighting: Weighting = "posterior"
     odds_limit: float = 20.0
@@ -192,6 +199,8 @@ def _find_violated_range(name: str, value: Any, *, is_switch: bool) -> str:
     """Return which range a setting leaves, in words; an empty text for one within its range."""
     if name == "expert_weighting":
         return "" if value in get_args(Weighting) else f"one of {', '.join(get_args(Weighting))}"
+    if name == "cor_alpha":
+        return "" if value == "auto" else _find_violated_alpha(value)
     if name == "odds_limit":
         return "" if math.isfinite(value) and value > 1 else "a number above 1"
     if name == "log_sigma":
@@ -201,3 +210,12 @@ def _find_violated_range(name: str, value: Any, *, is_switch: bool) -> str:
     if value == 0 and name not in _MAY_BE_ZERO and not is_switch:
         return "a number above 0"
     return "at most 1" if value > 1 and name in _AT_MOST_ONE else ""
+
+
+def _find_violated_alpha(value: Any) -> str:
+    """Return what a sharpness other than `auto` has to be; an empty text for one that is."""
+    try:
+        check_alpha(value)
+    except (InvalidInputError, TypeError):
+        return "auto or a number from 1e-06 to 1e+08"
+    return ""

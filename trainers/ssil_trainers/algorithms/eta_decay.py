@@ -17,7 +17,7 @@ def decay_eta(eta: float, decay: float, *, rise_d: float, rise_c: float) -> floa
     rise_d:
         ΔV_D, how much the first critic's mean value at the initial states rose.
     rise_c:
-        ΔV_C, the same of the second critic.
+        ΔV_C, the same of the critic of the state reward, not centered.
 
     Notes
     -----

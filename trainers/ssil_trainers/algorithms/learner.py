@@ -1,8 +1,9 @@
 """The adversarial loop of GAIL, MixGAIL and SSIL (Algorithm 1); they differ in what is passed in.
 
 The reward is r(s, a) = −log D(s, a) + η · shaping(s), with D → 1 for the policy. Each part has its
-own critic, V_D and V_C, and its own advantage: A = A_D + η A_C. The loop is given environments and
-imports none.
+own critic, V_D and V_C, and its own advantage: A = A_D + η A_C. Where the shaping is centered, a
+third critic learns its value before centering, for the rule of η alone. The loop is given
+environments and imports none.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from ssil_trainers.algorithms.discriminator import DiscriminatorUpdate
 from ssil_trainers.algorithms.eta_decay import decay_eta
 from ssil_trainers.algorithms.expert_sampler import PairSampler
 from ssil_trainers.algorithms.learner_state import collect_arrays, restore_arrays
-from ssil_trainers.algorithms.networks import Discriminator, PolicyNetwork, TwoCritics
+from ssil_trainers.algorithms.networks import Critics, Discriminator, PolicyNetwork
 from ssil_trainers.algorithms.pair_rewards import PairReward, reward_pairs
 from ssil_trainers.algorithms.policy import Policy
-from ssil_trainers.algorithms.rewards import Shaping
+from ssil_trainers.algorithms.rewards import Shaping, zero_reward
 from ssil_trainers.algorithms.rollout import Rollout, RolloutCollector
 from ssil_trainers.algorithms.trpo import TrustRegion
 
@@ -154,7 +155,12 @@ class Learner:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
             self.policy = PolicyNetwork(states, actions, hidden, settings.log_sigma)
-            self.critics = TwoCritics(states, hidden, settings.discount)
+            self.critics = Critics(
+                states,
+                hidden,
+                settings.discount,
+                uncentered=settings.centered and shaping is not zero_reward,
+            )
             self.discriminator = Discriminator(
                 states, actions, hidden, spectral=settings.spectral_norm
             )
@@ -204,9 +210,11 @@ class Learner:
         log_odds = self._reward_pairs(rollout)
         if self.pair_reward is not None:
             state_reward = state_reward + settings.pair_reward * (log_odds - log_odds.mean())
-        rewards = np.stack([discriminator_reward, state_reward])
-        advantages = self._compute_advantages(rollout, rewards, values, next_values)
-        advantage_d, advantage_c = advantages
+        rewards = [discriminator_reward, state_reward]
+        if self.critics.count > len(rewards):
+            rewards.append(state_reward + shaping.mean())
+        advantages = self._compute_advantages(rollout, np.stack(rewards), values, next_values)
+        advantage_d, advantage_c, *_ = advantages
         step = self.trust_region.step(
             self.policy,
             states,
@@ -214,8 +222,9 @@ class Learner:
             _normalize(advantage_d + self.eta * advantage_c),
         )
 
-        # Line 8: "Update η ← εη, when ΔV_D > ΔV_C."
-        rise_d, rise_c = self._fit_critics(states, values + advantages, rng)
+        # Line 8: "Update η ← εη, when ΔV_D > ΔV_C", with V_C of the reward before centering: the
+        # values of a reward of mean 0 hardly rise, whatever the policy does.
+        rise_d, *_, rise_c = self._fit_critics(states, values + advantages, rng)
         self.eta = decay_eta(self.eta, settings.eta_decay, rise_d=rise_d, rise_c=rise_c)
         self.done += 1
         return Iteration(
@@ -247,26 +256,29 @@ class Learner:
     def _compute_advantages(
         self, rollout: Rollout, *arrays: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return A_D and A_C (2, T·N) of rewards, values and next values, each (2, T·N).
+        """Return the advantages (c, T·N) of rewards, values and next values, each (c, T·N).
+
+        They are A_D, A_C and, with a third critic, A_C before centering.
 
         With a pair reward, a real end is to V_C as a time limit (`pair_rewards` says why).
         """
         horizon, count = rollout.ended.shape
         ends = rollout.terminated
         ends_of_c = ends if self.pair_reward is None else np.zeros_like(ends)
+        critics = self.critics.count
         parts = compute_advantages(
-            *(array.reshape(2, horizon, count).swapaxes(0, 1) for array in arrays),
-            terminated=np.stack([ends, ends_of_c], axis=1),
+            *(array.reshape(critics, horizon, count).swapaxes(0, 1) for array in arrays),
+            terminated=np.stack([ends] + [ends_of_c] * (critics - 1), axis=1),
             ended=rollout.ended[:, None],
             discount=self.settings.discount,
             gae_lambda=self.settings.gae_lambda,
         )
-        return parts.swapaxes(0, 1).reshape(2, -1)
+        return parts.swapaxes(0, 1).reshape(critics, -1)
 
     def _fit_critics(
         self, states: Tensor, targets: NDArray[np.floating], rng: np.random.Generator
-    ) -> tuple[float, float]:
-        """Fit V_D and V_C to targets (2, n); return how much each rose at the initial states."""
+    ) -> list[float]:
+        """Fit the critics to targets (c, n); return how much each rose at the initial states."""
         settings = self.settings
         initial = self.standardize(self.initial)
         goals = torch.from_numpy(targets.astype(np.float32))
@@ -280,8 +292,7 @@ class Learner:
                 error.square().mean(dim=1).sum().backward()
                 self.critic_adam.step()
         with torch.no_grad():
-            rise_d, rise_c = (self.critics(initial).mean(dim=1) - before).tolist()
-        return rise_d, rise_c
+            return (self.critics(initial).mean(dim=1) - before).tolist()
 
     def standardize(self, states: NDArray[np.float32]) -> Tensor:
         """Map states (..., d) in raw units to the input of the networks, one row each, (n, d).

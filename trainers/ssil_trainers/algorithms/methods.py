@@ -26,6 +26,7 @@ from ssil_trainers.algorithms.pair_rewards import PairReward, log_odds_reward
 from ssil_trainers.algorithms.policy import ActionBox
 from ssil_trainers.algorithms.rewards import (
     Shaping,
+    choose_cor_alpha,
     no_shaping,
     shape_by_cor,
     shape_by_lcor,
@@ -60,7 +61,7 @@ class Method:
         How much each pair is imitated. By leverage, shuffled or not, half of every batch is labeled
         and the weights are those of unlabeled pairs among each other.
     shaping:
-        Makes the state reward from demonstrations and a seed.
+        Makes the state reward from demonstrations and settings.
     fixed_settings:
         Settings without which the method would be another one, by name.
 
@@ -73,12 +74,12 @@ class Method:
     """
 
     expert_weights: Weights
-    shaping: Callable[[Demonstrations, int], Shaping] = no_shaping
+    shaping: Callable[[Demonstrations, TrainSettings], Shaping] = no_shaping
     fixed_settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def uses_run(self) -> bool:
-        """Whether a scoring run changes the result."""
+        """Whether it uses a scoring run where one is named; MixGAIL lets its field compute CoR."""
         return self.half_labeled or self.shaping is not no_shaping
 
     @property
@@ -100,6 +101,20 @@ class Method:
             Settings of a run.
         """
         return replace(settings, **self.fixed_settings)
+
+    def complete(self, settings: TrainSettings, demonstrations: Demonstrations) -> TrainSettings:
+        """Return the settings with a number in the place of what is fitted to demonstrations.
+
+        Parameters
+        ----------
+        settings:
+            Settings of a run; `cor_alpha` may be `auto`, which only MixGAIL fits.
+        demonstrations:
+            All pairs.
+        """
+        if self.shaping is not shape_by_cor:
+            return settings
+        return replace(settings, cor_alpha=choose_cor_alpha(demonstrations, settings))
 
     def pair_reward(
         self, demonstrations: Demonstrations, settings: TrainSettings

@@ -146,12 +146,13 @@ class PolicyNetwork(nn.Module):
         return tuple((_copy(each.weight.T), _copy(each.bias)) for each in linears)
 
 
-class TwoCritics(nn.Module):
+class Critics(nn.Module):
     """The critics V_D and V_C, of the discriminator's reward and of the state reward.
 
-    Two networks of the same shape, computed together in one batched product; both begin as 0. Their
+    Networks of the same shape, computed together in one batched product; all begin as 0. Their
     outputs are in units of 1/(1 − γ), the return of a reward of 1 at every step, so that one step
-    size suits every discount.
+    size suits every discount. A third critic, where there is one, begins as V_C does: of a centered
+    state reward, it learns the value before centering.
 
     Parameters
     ----------
@@ -161,35 +162,42 @@ class TwoCritics(nn.Module):
         Units in each hidden layer.
     discount:
         γ, from 0 to 1.
+    uncentered:
+        Whether there is the third.
 
     Examples
     --------
-    >>> critics = TwoCritics(3, hidden=8, discount=0.9)
+    >>> critics = Critics(3, hidden=8, discount=0.9)
     >>> critics(torch.ones(5, 3)).shape, bool(critics(torch.ones(5, 3)).any())
     (torch.Size([2, 5]), False)
     """
 
-    def __init__(self, states: int, hidden: int, discount: float) -> None:
-        """Initialize both networks."""
+    def __init__(
+        self, states: int, hidden: int, discount: float, *, uncentered: bool = False
+    ) -> None:
+        """Initialize the networks."""
         super().__init__()
         linears = [
             [layer for layer in net if isinstance(layer, nn.Linear)]
             for net in (perceptron(states, hidden, 1, last=0.0) for _ in range(2))
         ]
-        pairs = list(zip(*linears, strict=True))
-        self.weights = nn.ParameterList([_stack(*(one.weight.T for one in p)) for p in pairs])
-        self.biases = nn.ParameterList([_stack(*(one.bias[None] for one in p)) for p in pairs])
+        if uncentered:
+            linears.append(linears[1])
+        layers = list(zip(*linears, strict=True))
+        self.weights = nn.ParameterList([_stack(*(one.weight.T for one in p)) for p in layers])
+        self.biases = nn.ParameterList([_stack(*(one.bias[None] for one in p)) for p in layers])
+        self.count = len(linears)
         self.unit = 1 / (1 - discount) if discount < 1 else 1.0
 
     def forward(self, states: Tensor) -> Tensor:
-        """Map standardized states (n, d) to values (2, n): first V_D, then V_C.
+        """Map standardized states (n, d) to values (2 or 3, n): V_D, V_C, and the third if any.
 
         Parameters
         ----------
         states:
             Standardized states, (n, d).
         """
-        x = states.expand(2, -1, -1)
+        x = states.expand(self.count, -1, -1)
         *inner, last = zip(self.biases, self.weights, strict=True)
         for bias, weight in inner:
             x = torch.tanh(torch.baddbmm(bias, x, weight))
@@ -251,9 +259,9 @@ class Discriminator(nn.Module):
         return softplus(-self(pairs))
 
 
-def _stack(first: Tensor, second: Tensor) -> nn.Parameter:
-    """Stack two tensors of one shape into a parameter (2, ...)."""
-    return nn.Parameter(torch.stack([first.detach(), second.detach()]).contiguous())
+def _stack(*tensors: Tensor) -> nn.Parameter:
+    """Stack tensors of one shape into a parameter (count, ...)."""
+    return nn.Parameter(torch.stack([tensor.detach() for tensor in tensors]).contiguous())
 
 
 def _copy(tensor: Tensor) -> NDArray[np.float32]:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data.field import auto_alpha
 from ssil_data.surface import FieldLike
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.cor_sharpness import auto_cor_alpha
 from ssil_trainers.algorithms.demonstrations import Demonstrations
 
 Shaping = Callable[[NDArray[np.float32]], NDArray[np.floating]]
@@ -82,15 +83,15 @@ def constraint_reward(field: FieldLike) -> Shaping:
     return lambda states: field.cor(states)
 
 
-def no_shaping(demonstrations: Demonstrations, seed: int) -> Shaping:
+def no_shaping(demonstrations: Demonstrations, settings: TrainSettings) -> Shaping:
     """Add nothing to the discriminator's reward (GAIL).
 
     Parameters
     ----------
     demonstrations:
         All pairs; unused.
-    seed:
-        Seed of the run; unused.
+    settings:
+        Settings of the run; unused.
 
     Examples
     --------
@@ -98,52 +99,83 @@ def no_shaping(demonstrations: Demonstrations, seed: int) -> Shaping:
     >>> labeled = np.array([True, False, False])
     >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
     >>> demonstrations = Demonstrations(states, states, labeled, leverage)
-    >>> no_shaping(demonstrations, 0)(states)
+    >>> no_shaping(demonstrations, TrainSettings())(states)
     array([0., 0., 0.])
     """
     return zero_reward
 
 
-def shape_by_cor(demonstrations: Demonstrations, seed: int) -> Shaping:
+def shape_by_cor(demonstrations: Demonstrations, settings: TrainSettings) -> Shaping:
     """Add CoR, with the unlabeled states as the negative ones (MixGAIL).
 
-    Without a run, the sharpness of the kernel is fitted to the demonstrations here.
+    The sharpness of the kernel is CoR's own, whichever α a run has fitted for LCoR: without a run
+    the reward is the same.
 
     Parameters
     ----------
     demonstrations:
-        All pairs, with the leverage field of a run.
-    seed:
-        Seed of the run; unused.
+        All pairs; the field of a run, if there is one, computes.
+    settings:
+        Settings of the run: `cor_alpha`.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless some pairs are labeled and some are not.
 
     Examples
     --------
     >>> states = np.arange(3, dtype=np.float32)[:, None]
     >>> labeled = np.array([True, False, False])
-    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
-    >>> demonstrations = Demonstrations(states, states, labeled, leverage)
-    >>> field = demonstrations.make_field(leverage, alpha=1.0)
-    >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
-    >>> reward = shape_by_cor(demonstrations, 0)(states)
+    >>> demonstrations = Demonstrations(states, states, labeled)
+    >>> reward = shape_by_cor(demonstrations, TrainSettings())(states)
     >>> bool(reward[0] > reward[2])  # the first state is the labeled one
     True
     """
-    field = demonstrations.field
-    if field is None:
-        alpha = auto_alpha(demonstrations.standardizer(demonstrations.states))
-        field = demonstrations.make_field(demonstrations.labeled.astype(np.float32), alpha)
-    return constraint_reward(field)
+    alpha = choose_cor_alpha(demonstrations, settings)
+    if demonstrations.field is not None:
+        return constraint_reward(demonstrations.field.at(alpha))
+    labeled = demonstrations.labeled.astype(np.float32)
+    return constraint_reward(demonstrations.make_field(labeled, alpha))
 
 
-def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+def choose_cor_alpha(demonstrations: Demonstrations, settings: TrainSettings) -> float:
+    """Return the sharpness of CoR: that of the settings, or fitted to the demonstrations.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs.
+    settings:
+        Settings of the run: `cor_alpha`.
+
+    Raises
+    ------
+    InvalidInputError
+        Where it is fitted, unless some pairs are labeled and some are not.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> demonstrations = Demonstrations(states, states, np.array([True, False, False]))
+    >>> choose_cor_alpha(demonstrations, TrainSettings(cor_alpha=2.0))
+    2.0
+    """
+    if settings.cor_alpha != "auto":
+        return float(settings.cor_alpha)
+    standardized = demonstrations.standardizer(demonstrations.states)
+    return auto_cor_alpha(standardized, demonstrations.labeled)
+
+
+def shape_by_lcor(demonstrations: Demonstrations, settings: TrainSettings) -> Shaping:
     """Add LCoR (SSIL).
 
     Parameters
     ----------
     demonstrations:
         All pairs, with the leverage field of a run.
-    seed:
-        Seed of the run; unused.
+    settings:
+        Settings of the run; unused.
 
     Examples
     --------
@@ -153,22 +185,22 @@ def shape_by_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
     >>> demonstrations = Demonstrations(states, states, labeled, leverage)
     >>> field = demonstrations.make_field(leverage, alpha=1.0)
     >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
-    >>> reward = shape_by_lcor(demonstrations, 0)(states)
+    >>> reward = shape_by_lcor(demonstrations, TrainSettings())(states)
     >>> bool(reward[0] > reward[1] > reward[2])
     True
     """
     return leverage_constraint_reward(demonstrations.require_field)
 
 
-def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping:
+def shape_by_shuffled_lcor(demonstrations: Demonstrations, settings: TrainSettings) -> Shaping:
     """Add LCoR of the same leverage values, each given to another pair at random: a control.
 
     Parameters
     ----------
     demonstrations:
         All pairs, with the leverage and the field of a run.
-    seed:
-        Seed of the shuffling.
+    settings:
+        Settings of the run, of which the seed shuffles.
 
     Examples
     --------
@@ -178,11 +210,11 @@ def shape_by_shuffled_lcor(demonstrations: Demonstrations, seed: int) -> Shaping
     >>> demonstrations = Demonstrations(states, states, labeled, leverage)
     >>> field = demonstrations.make_field(leverage, alpha=1.0)
     >>> demonstrations = Demonstrations(states, states, labeled, leverage, field)
-    >>> reward = shape_by_shuffled_lcor(demonstrations, 0)(states)
+    >>> reward = shape_by_shuffled_lcor(demonstrations, TrainSettings())(states)
     >>> bool((reward >= 0).all() and (reward <= 1).all())
     True
     """
     alpha = demonstrations.require_field.alpha
-    random = np.random.default_rng([seed, 4])
+    random = np.random.default_rng([settings.seed, 4])
     shuffled = random.permutation(demonstrations.require_leverage)
     return leverage_constraint_reward(demonstrations.make_field(shuffled, alpha))

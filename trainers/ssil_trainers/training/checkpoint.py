@@ -14,6 +14,7 @@ from ssil_trainers.algorithms import tensor_file
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.learner import Learner
 from ssil_trainers.algorithms.methods import METHODS
+from ssil_trainers.algorithms.rewards import no_shaping
 from ssil_trainers.training.history import HistoryRow
 
 KIND = "ssil checkpoint"
@@ -66,7 +67,8 @@ def read_checkpoint(
     ------
     ConflictError
         If the checkpoint is another run's; it names what differs. Also for one of version 0.1 by a
-        method that imitates by weight: its batches were drawn in another way.
+        method that imitates by weight: its batches were drawn in another way; and for one with a
+        centered state reward: its η followed another rule.
     """
     arrays, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
     _check_same_run(_complete_settings(metadata["identity"]), identity)
@@ -80,6 +82,12 @@ def _complete_settings(identity: Mapping[str, Any]) -> dict[str, Any]:
         raise ConflictError(
             f"checkpoint: {identity['method']} of version 0.1 drew whole batches by leverage, and "
             "now half of each is labeled; another folder takes a new run"
+        )
+    shaped = METHODS[identity["method"]].shaping is not no_shaping
+    if shaped and identity["settings"]["centred"] and "cor_alpha" not in identity["settings"]:
+        raise ConflictError(
+            f"checkpoint: {identity['method']} of version 0.1 judged η by the centered state reward, "
+            "and now by the one before centering; another folder takes a new run"
         )
     defaults = {
         STORED_NAMES.get(name, name): value

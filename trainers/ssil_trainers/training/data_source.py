@@ -24,7 +24,7 @@ class DataSource:
         Name of the demonstrations.
     run:
         Scoring run whose leverage is used. gail, gail-mixed, constant and clone use none; mixgail
-        uses only the sharpness of its kernel, which it otherwise fits itself.
+        is the same with any and with none.
     service:
         URL of a service that computes the rewards; without it, a service embedded in this process
         does.

@@ -153,7 +153,7 @@ class TrainRun:
         row = METHODS[method]
         self.method = method
         self.data = data
-        self.settings = row.override(settings)
+        self.settings = row.complete(row.override(settings), data.demonstrations)
         self.folder = folder
         self.curve: list[HistoryRow] = []
         demonstrations = data.demonstrations
@@ -168,7 +168,7 @@ class TrainRun:
                 experts=row.expert_sampler(
                     demonstrations, collector.action_box, standardizer, settings=self.settings
                 ),
-                shaping=row.shaping(demonstrations, self.settings.seed),
+                shaping=row.shaping(demonstrations, self.settings),
                 standardizer=standardizer,
                 pair_reward=row.pair_reward(demonstrations, self.settings),
             )
