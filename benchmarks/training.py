@@ -90,9 +90,9 @@ class Row:
 def rows(dataset: sd.Dataset) -> list[Row]:
     """Return what is compared."""
 
-    def ours(method: str, evaluate_every: int = OURS.evaluate_every) -> Callable[[int], object]:
+    def ours(method: str, **settings: Any) -> Callable[[int], object]:
         return lambda steps: train_on_racetrack(
-            dataset, method, replace(OURS, steps=steps, evaluate_every=evaluate_every)
+            dataset, method, replace(OURS, steps=steps, **settings)
         )
 
     return [
@@ -100,6 +100,7 @@ def rows(dataset: sd.Dataset) -> list[Row]:
         Row("GAIL, evaluated at its ends alone", ours("gail", evaluate_every=10_000)),
         Row("MixGAIL", ours("mixgail")),
         Row(f"SSIL, {len(dataset):,} demonstrations", ours("ssil")),
+        Row("SSIL with the windowVAE's pair reward", ours("ssil", pair_reward=1.0)),
         Row("sb3-contrib TRPO, our settings", lambda steps: rival(twin(), steps, LIKE_OURS)),
         Row("its defaults", lambda steps: rival(twin(), steps, {})),
         Row("its defaults, one real car", lambda steps: rival(real(), steps, {}), REAL_STEPS),
@@ -125,10 +126,10 @@ def print_speeds(compared: list[Row]) -> None:
     }
     gail, *_ = median.values()
     print(f"{STEPS:,} steps, medians of {ROUNDS} interleaved rounds, steps/s (GAIL's / the row's)")
-    print(f"{'':>36}{'processor time':>22}{'wall time':>22}")
+    print(f"{'':>38}{'processor time':>22}{'wall time':>22}")
     for name, rates in median.items():
         cells = (f"{r:,.0f} ({g / r:.2f})" for r, g in zip(rates, gail, strict=True))
-        print(f"{name:>36}" + "".join(f"{cell:>22}" for cell in cells))
+        print(f"{name:>38}" + "".join(f"{cell:>22}" for cell in cells))
 
 
 def print_shares(dataset: sd.Dataset) -> None:
