@@ -27,11 +27,20 @@ if TYPE_CHECKING:
         NotFoundError,
         SsilDataError,
     )
-    from ssil_data.estimators import GPR, MDN, VAE, WindowVAE
+    from ssil_data.estimators import (
+        GPR,
+        MDN,
+        VAE,
+        Contrast,
+        Ensemble,
+        UnlabeledSample,
+        WindowVAE,
+    )
     from ssil_data.field import Accuracy, LCoR, LeverageField
+    from ssil_data.pooling import HiddenMarkov, NoPooling, Window
     from ssil_data.quality import Quality, measure_quality
     from ssil_data.report import write_report
-    from ssil_data.scales import Conformal, MinMax, Quantile
+    from ssil_data.scales import Conformal, MinMax, Posterior, Quantile
     from ssil_data.scoring import LeverageModel, Recipe, preset, rescore, score
     from ssil_data.store import Store
     from ssil_data.store.dataset import Dataset
@@ -39,34 +48,41 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Accuracy": "field",
-    "Conformal": "scales",
     "ConflictError": "errors",
+    "Conformal": "scales",
+    "connect": "client",
+    "Contrast": "estimators",
     "DamagedError": "errors",
     "Dataset": "store",
+    "Ensemble": "estimators",
     "Episode": "demonstrations",
     "GPR": "estimators",
+    "HiddenMarkov": "pooling",
     "InvalidInputError": "errors",
     "LCoR": "field",
     "LeverageField": "field",
     "LeverageModel": "scoring",
     "MDN": "estimators",
+    "measure_quality": "quality",
     "MinMax": "scales",
+    "NoPooling": "pooling",
     "NotFoundError": "errors",
     "Pairs": "demonstrations",
+    "Posterior": "scales",
+    "preset": "scoring",
     "Quality": "quality",
     "Quantile": "scales",
     "Recipe": "scoring",
+    "rescore": "scoring",
     "Run": "store",
+    "score": "scoring",
     "ServiceError": "client",
     "SsilDataError": "errors",
     "Store": "store",
+    "UnlabeledSample": "estimators",
     "VAE": "estimators",
+    "Window": "pooling",
     "WindowVAE": "estimators",
-    "connect": "client",
-    "measure_quality": "quality",
-    "preset": "scoring",
-    "rescore": "scoring",
-    "score": "scoring",
     "write_report": "report",
 }
 
@@ -77,16 +93,21 @@ __all__ = [
     "Accuracy",
     "ConflictError",
     "Conformal",
+    "Contrast",
     "DamagedError",
     "Dataset",
+    "Ensemble",
     "Episode",
+    "HiddenMarkov",
     "InvalidInputError",
     "LCoR",
     "LeverageField",
     "LeverageModel",
     "MinMax",
+    "NoPooling",
     "NotFoundError",
     "Pairs",
+    "Posterior",
     "Quality",
     "Quantile",
     "Recipe",
@@ -94,6 +115,8 @@ __all__ = [
     "ServiceError",
     "SsilDataError",
     "Store",
+    "UnlabeledSample",
+    "Window",
     "WindowVAE",
     "connect",
     "measure_quality",

@@ -49,13 +49,18 @@ class Standardizer:
             raise InvalidInputError(f"scale: expected positive numbers, found {self.scale.min()}")
 
     @classmethod
-    def of(cls, values: NDArray[np.floating]) -> Standardizer:
+    def of(
+        cls, values: NDArray[np.floating], *, least: NDArray[np.floating] | None = None
+    ) -> Standardizer:
         """Return the one that gives some values mean 0 and deviation 1.
 
         Parameters
         ----------
         values
             (n, d), one row at least.
+        least
+            Least scale of each dimension, (d,): one that hardly varies in the values must not
+            dominate. None for none.
 
         Raises
         ------
@@ -65,7 +70,10 @@ class Standardizer:
         if values.ndim != 2 or not len(values):
             raise InvalidInputError(f"values: expected at least one row, found {values.shape}")
         exact = np.asarray(values, dtype=np.float64)
-        return cls.of_moments(exact.mean(axis=0), exact.var(axis=0))
+        plain = cls.of_moments(exact.mean(axis=0), exact.var(axis=0))
+        if least is None:
+            return plain
+        return cls(plain.shift, _raise_to(plain.scale, least, exact.std(axis=0)))
 
     @classmethod
     def of_moments(cls, mean: NDArray[np.float64], variance: NDArray[np.float64]) -> Standardizer:
@@ -119,6 +127,15 @@ class Standardizer:
         with np.errstate(over="ignore"):
             standard = (np.asarray(values, dtype=np.float32) - self.shift) / self.scale
         return np.clip(standard, -FARTHEST, FARTHEST, out=standard)
+
+
+def _raise_to(
+    scale: NDArray[np.float32], least: NDArray[np.floating], deviation: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Raise scales to the least ones; a constant dimension takes its least scale, if it has one."""
+    known = least > np.finfo(np.float32).tiny
+    raised = np.maximum(deviation, least)
+    return np.where(known, raised, scale).astype(np.float32)
 
 
 def windows(states: NDArray[np.float32], episode: NDArray[np.int64]) -> NDArray[np.float32]:

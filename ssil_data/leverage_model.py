@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ssil_data import scales
+from ssil_data import pooling, scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import Fitted, load
+from ssil_data.pooling import FittedPooling
+from ssil_data.pooling.single import FittedSingle
 from ssil_data.scales import FittedScale
 
 
@@ -27,11 +29,14 @@ class Scored:
         What it is made of, by name, (n,) each.
     leverage
         (n,) float32 in [0, 1]; 1 = expert-like.
+    pooled
+        Uncertainty pooled over time, (n,) float32; without pooling, the uncertainty.
     """
 
     uncertainty: NDArray[np.float32]
     parts: Mapping[str, NDArray[np.float32]]
     leverage: NDArray[np.float32]
+    pooled: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +48,10 @@ class LeverageModel:
     estimator
         From pairs to uncertainty.
     scale
-        From uncertainty to leverage.
+        From pooled uncertainty to leverage.
+    pooling
+        Pools uncertainty over time, inside the episodes of the pairs that come together: a pair
+        that comes alone is judged alone.
 
     Examples
     --------
@@ -55,9 +63,15 @@ class LeverageModel:
 
     estimator: Fitted
     scale: FittedScale
+    pooling: FittedPooling = field(default_factory=FittedSingle)
 
     @classmethod
-    def from_archive(cls, archive: bytes, fitted_scale: Mapping[str, Any]) -> Self:
+    def from_archive(
+        cls,
+        archive: bytes,
+        fitted_scale: Mapping[str, Any],
+        fitted_pooling: Mapping[str, Any] | None = None,
+    ) -> Self:
         """Read the model of a run; `Dataset.model` does it by the run's name.
 
         Parameters
@@ -66,13 +80,16 @@ class LeverageModel:
             The fitted estimator's bytes, safetensors.
         fitted_scale
             The run record's `fitted_scale`.
+        fitted_pooling
+            Its `fitted_pooling`; None for none.
 
         Raises
         ------
         DamagedError
             For bytes that are no fitted estimator.
         """
-        return cls(load(archive), scales.from_json(fitted_scale))
+        pools = FittedSingle() if fitted_pooling is None else pooling.from_json(fitted_pooling)
+        return cls(load(archive), scales.from_json(fitted_scale), pools)
 
     def __call__(self, pairs: Pairs) -> Scored:
         """Give pairs a leverage.
@@ -80,8 +97,8 @@ class LeverageModel:
         Parameters
         ----------
         pairs
-            n pairs of the fitted widths. A windowVAE looks at neighboring rows of an episode: they
-            must be in the same batch.
+            n pairs of the fitted widths. A windowVAE and a pooling look at neighboring rows of an
+            episode: they must be in the same batch.
 
         Raises
         ------
@@ -89,4 +106,5 @@ class LeverageModel:
             For states or actions of another width.
         """
         uncertainty = self.estimator.uncertainty(pairs)
-        return Scored(uncertainty.total, uncertainty.parts, self.scale(uncertainty.total))
+        pooled = self.pooling(uncertainty.total, pairs.episode)
+        return Scored(uncertainty.total, uncertainty.parts, self.scale(pooled), pooled)

@@ -2,8 +2,11 @@
 
 from ssil_data.estimators.archive import ESTIMATORS, dump, from_json, load, to_json
 from ssil_data.estimators.base import Estimator, Fitted, Uncertainty
+from ssil_data.estimators.contrast import Contrast
+from ssil_data.estimators.ensemble import Ensemble
 from ssil_data.estimators.gpr import GPR
 from ssil_data.estimators.mdn import MDN
+from ssil_data.estimators.unlabeled import UnlabeledSample, sample_unlabeled
 from ssil_data.estimators.vae import VAE, WindowVAE
 
 __all__ = [
@@ -11,12 +14,16 @@ __all__ = [
     "GPR",
     "MDN",
     "VAE",
+    "Contrast",
+    "Ensemble",
     "Estimator",
     "Fitted",
     "Uncertainty",
+    "UnlabeledSample",
     "WindowVAE",
     "dump",
     "from_json",
     "load",
+    "sample_unlabeled",
     "to_json",
 ]

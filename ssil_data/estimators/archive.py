@@ -19,11 +19,15 @@ from safetensors.numpy import save as save_tensors
 
 from ssil_data.errors import DamagedError, InvalidInputError
 from ssil_data.estimators.base import Estimator, Fitted
+from ssil_data.estimators.contrast import Contrast, FittedContrast
+from ssil_data.estimators.ensemble import Ensemble, FittedEnsemble
 from ssil_data.estimators.gpr import GPR, FittedGPR
 from ssil_data.estimators.mdn import MDN, FittedMDN
 from ssil_data.estimators.vae import VAE, FittedAutoencoder, WindowVAE
 
-ESTIMATORS: dict[str, type[Estimator]] = {each.kind: each for each in (VAE, WindowVAE, MDN, GPR)}
+ESTIMATORS: dict[str, type[Estimator]] = {
+    each.kind: each for each in (VAE, WindowVAE, MDN, GPR, Contrast, Ensemble)
+}
 """Every estimator by its kind."""
 
 _FITTED: dict[str, type[Fitted]] = {
@@ -31,6 +35,8 @@ _FITTED: dict[str, type[Fitted]] = {
     WindowVAE.kind: FittedAutoencoder,
     MDN.kind: FittedMDN,
     GPR.kind: FittedGPR,
+    Contrast.kind: FittedContrast,
+    Ensemble.kind: FittedEnsemble,
 }
 _PLAIN = [field.name for field in fields(Fitted)]
 _METADATA = "estimator"
@@ -48,6 +54,8 @@ def to_json(estimator: Estimator) -> dict[str, Any]:
         The settings.
     """
     settings = asdict(estimator)
+    if isinstance(estimator, Ensemble):
+        settings["members"] = [to_json(member) for member in estimator.members]
     for field in fields(estimator):
         if field.name in estimator.added and settings[field.name] == field.default:
             del settings[field.name]
@@ -79,7 +87,21 @@ def from_json(settings: Mapping[str, Any]) -> Estimator:
     known = {field.name for field in fields(ESTIMATORS[kind])}
     if unknown := sorted(set(values) - known):
         raise InvalidInputError(f"{kind}: expected keys of {sorted(known)}, found {unknown}")
+    if kind == Ensemble.kind:
+        values["members"] = _read_members(values.get("members", ()))
     return ESTIMATORS[kind](**values)
+
+
+def _read_members(members: Any) -> tuple[Estimator, ...]:
+    """Read the settings of an ensemble's members; an ensemble among them is refused."""
+    if not isinstance(members, list | tuple) or not all(
+        isinstance(member, Mapping) and member.get("kind") != Ensemble.kind for member in members
+    ):
+        raise InvalidInputError(
+            "ensemble: members: expected a list of estimators' settings, none of them an ensemble, "
+            f"found {members!r}"
+        )
+    return tuple(from_json(member) for member in members)
 
 
 def dump(fitted: Fitted) -> bytes:
@@ -131,7 +153,7 @@ def load(data: bytes) -> Fitted:
             raise DamagedError(f"estimator: {name} is not of finite float32 numbers")
     try:
         widths = {name: int(description[name]) for name in _PLAIN if name != "settings"}
-        return _unflatten(_FITTED[settings.kind], tensors, settings=settings, **widths)
+        return _rebuild(settings, tensors, widths)
     except _MALFORMED as error:
         raise DamagedError(f"{settings.kind}: its arrays do not fit together: {error}") from None
 
@@ -155,6 +177,26 @@ def _flatten(part: Any) -> dict[str, NDArray]:
         f"{name}.{path}".rstrip("."): array
         for name, child in children.items()
         for path, array in _flatten(child).items()
+    }
+
+
+def _rebuild(settings: Estimator, tensors: Mapping[str, NDArray], widths: Any) -> Fitted:
+    """Rebuild a fitted estimator, and those that it is made of, from arrays."""
+    known: dict[str, Any] = {"settings": settings, **widths}
+    if isinstance(settings, Ensemble):
+        known["members"] = tuple(
+            _rebuild(member, _below(f"members.{index}.", tensors), widths)
+            for index, member in enumerate(settings.members)
+        )
+    return _unflatten(_FITTED[settings.kind], tensors, **known)
+
+
+def _below(prefix: str, tensors: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Return the arrays whose paths begin with a prefix, by the rest of their paths."""
+    return {
+        path.removeprefix(prefix): array
+        for path, array in tensors.items()
+        if path.startswith(prefix)
     }
 
 

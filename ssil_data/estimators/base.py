@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
+from ssil_data.estimators.unlabeled import UnlabeledSample
 
 BLOCK = 512
 """Rows computed at once, so that their intermediate results stay in the processor's cache."""
@@ -54,8 +55,13 @@ class Estimator(ABC):
             value = _check_setting(name, getattr(self, field.name), field.default)
             object.__setattr__(self, field.name, value)
 
+    @property
+    def needs_unlabeled(self) -> bool:
+        """Whether it is fitted on unlabeled pairs too."""
+        return False
+
     @abstractmethod
-    def fit(self, labeled: Pairs, *, seed: int) -> Fitted:
+    def fit(self, labeled: Pairs, *, seed: int, unlabeled: UnlabeledSample | None = None) -> Fitted:
         """Fit to labeled pairs; same seed, same machine, same result.
 
         Parameters
@@ -64,6 +70,9 @@ class Estimator(ABC):
             Expert pairs, two at least.
         seed
             The only source of randomness, 0 to 2^63 − 1.
+        unlabeled
+            A sample of the unlabeled pairs. Most estimators take from it the least scale of a
+            dimension alone; one that `needs_unlabeled` learns from it.
 
         Returns
         -------

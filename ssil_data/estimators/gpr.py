@@ -18,6 +18,7 @@ from ssil_data.estimators.base import (
     check_fit_input,
 )
 from ssil_data.estimators.gaussian_process import Process
+from ssil_data.estimators.unlabeled import UnlabeledSample, standardize_pairs
 from ssil_data.features import Standardizer
 
 
@@ -66,7 +67,9 @@ class GPR(Estimator):
     noise_floor: float = 1e-3
     surprisal: bool = False
 
-    def fit(self, labeled: Pairs, *, seed: int) -> FittedGPR:
+    def fit(
+        self, labeled: Pairs, *, seed: int, unlabeled: UnlabeledSample | None = None
+    ) -> FittedGPR:
         """Fit to the labeled pairs, standardized by their own mean and deviation.
 
         Parameters
@@ -76,6 +79,8 @@ class GPR(Estimator):
         seed
             Draws the pairs to learn on and the inducing points. Same seed, same machine, same
             result.
+        unlabeled
+            A sample of the unlabeled pairs, for the least scale of a dimension; None for none.
 
         Returns
         -------
@@ -90,8 +95,7 @@ class GPR(Estimator):
         from ssil_data.estimators.learning import marginal, posterior
 
         check_fit_input(labeled, seed)
-        states = Standardizer.of(labeled.states)
-        actions = Standardizer.of(labeled.actions)
+        states, actions = standardize_pairs(labeled, unlabeled)
         x = states(labeled.states)
         y = actions(labeled.actions)
         order = np.random.default_rng(seed).permutation(len(x))

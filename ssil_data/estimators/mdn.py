@@ -24,6 +24,7 @@ from ssil_data.estimators.base import (
 )
 from ssil_data.estimators.label_split import split_held_out
 from ssil_data.estimators.perceptron import Perceptron
+from ssil_data.estimators.unlabeled import UnlabeledSample, standardize_pairs
 from ssil_data.features import Standardizer
 
 if TYPE_CHECKING:
@@ -90,7 +91,9 @@ class MDN(Estimator):
     surprisal: bool = False
     stop_early: bool = False
 
-    def fit(self, labeled: Pairs, *, seed: int) -> FittedMDN:
+    def fit(
+        self, labeled: Pairs, *, seed: int, unlabeled: UnlabeledSample | None = None
+    ) -> FittedMDN:
         """Fit to the labeled pairs, standardized by their own mean and deviation.
 
         Parameters
@@ -99,6 +102,8 @@ class MDN(Estimator):
             Expert pairs, two at least.
         seed
             Sets the first weights and draws the batches. Same seed, same machine, same result.
+        unlabeled
+            A sample of the unlabeled pairs, for the least scale of a dimension; None for none.
 
         Returns
         -------
@@ -122,9 +127,8 @@ class MDN(Estimator):
             rate=self.rate,
             seed=seed,
         )
-        last = _find_best_step(learner, labeled, seed=seed) if self.stop_early else None
-        states = Standardizer.of(labeled.states)
-        actions = Standardizer.of(labeled.actions)
+        last = _find_best_step(learner, labeled, unlabeled, seed=seed) if self.stop_early else None
+        states, actions = standardize_pairs(labeled, unlabeled)
         return FittedMDN(
             settings=self,
             state_width=labeled.states.shape[1],
@@ -135,11 +139,12 @@ class MDN(Estimator):
         )
 
 
-def _find_best_step(learner: MixtureLearner, labeled: Pairs, *, seed: int) -> int:
+def _find_best_step(
+    learner: MixtureLearner, labeled: Pairs, unlabeled: UnlabeledSample | None, *, seed: int
+) -> int:
     """Return the step at which a part of the labeled pairs that is held out is likeliest."""
     kept, held_out = split_held_out(labeled, share=HELD_OUT, seed=seed)
-    states = Standardizer.of(kept.states)
-    actions = Standardizer.of(kept.actions)
+    states, actions = standardize_pairs(kept, unlabeled)
     return learner.find_best_step(
         states(kept.states),
         actions(kept.actions),

@@ -21,6 +21,7 @@ from ssil_data.estimators.base import (
     check_fit_input,
 )
 from ssil_data.estimators.perceptron import Perceptron
+from ssil_data.estimators.unlabeled import UnlabeledSample
 from ssil_data.features import Standardizer, windows
 
 
@@ -52,7 +53,9 @@ class AutoencoderSettings(Estimator):
     batch: int = 256
     rate: float = 1e-2
 
-    def fit(self, labeled: Pairs, *, seed: int) -> FittedAutoencoder:
+    def fit(
+        self, labeled: Pairs, *, seed: int, unlabeled: UnlabeledSample | None = None
+    ) -> FittedAutoencoder:
         """Fit to the labeled states, standardized by their own mean and deviation.
 
         Parameters
@@ -61,6 +64,8 @@ class AutoencoderSettings(Estimator):
             Expert pairs, two at least; only their states are used.
         seed
             Sets the first weights and draws the batches. Same seed, same machine, same result.
+        unlabeled
+            A sample of the unlabeled pairs, for the least scale of a dimension; None for none.
 
         Returns
         -------
@@ -76,7 +81,8 @@ class AutoencoderSettings(Estimator):
 
         check_fit_input(labeled, seed)
         inputs = autoencoder_inputs(labeled, self.window)
-        standardizer = Standardizer.of(inputs)
+        least = None if unlabeled is None else np.tile(unlabeled.least_state_scale, self.window)
+        standardizer = Standardizer.of(inputs, least=least)
         encoder, decoder = autoencoder.learn(
             standardizer(inputs),
             latent=self.latent,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Protocol, Self, TypeVar, overload
@@ -13,18 +13,23 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ssil_data import scales
+from ssil_data import pooling, scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_data.estimators import Estimator, Fitted, dump
+from ssil_data.estimators import Estimator, Fitted, UnlabeledSample, dump, sample_unlabeled
 from ssil_data.estimators.label_split import split_held_out
 from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
 from ssil_data.leverage_model import LeverageModel
+from ssil_data.pooling.single import FittedSingle
 from ssil_data.scales import Conformal, Scale
-from ssil_data.scoring.recipes import Recipe
+from ssil_data.scoring.cross_fit import rank_labeled
+from ssil_data.scoring.health import Health, examine
+from ssil_data.scoring.laps import count_laps
+from ssil_data.scoring.recipes import Recipe, preset
+from ssil_data.scoring.self_training import choose_purest, collect_pairs, join_labeled
 from ssil_data.scoring.streaming import Streamed, stream
-from ssil_data.store.arrow_schema import PARTS
+from ssil_data.store.arrow_schema import PARTS, VALUES
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
 from ssil_data.store.runs import digest
@@ -78,7 +83,7 @@ Served = TypeVar("Served", bound=ServedDataset)
 
 def score(
     dataset: Dataset | ServedDataset,
-    recipe: Recipe | Estimator,
+    recipe: Recipe | Estimator | None = None,
     *,
     seed: int = 0,
     run: str | None = None,
@@ -94,7 +99,8 @@ def score(
     dataset
         The dataset, local or behind a service; its labeled episodes are the expert's.
     recipe
-        How: a recipe, or an estimator, which then goes with the quantile scale.
+        How: a recipe, or an estimator, which then goes with the quantile scale and nothing pooled.
+        Without one, the preset `default`: what measured best.
     seed
         Of the fit. Same seed, same machine, same bytes.
     run
@@ -110,7 +116,8 @@ def score(
     Raises
     ------
     InvalidInputError
-        Without labeled pairs; nothing is written then.
+        Without labeled pairs, or without unlabeled ones where the recipe needs them; nothing is
+        written then.
     ConflictError
         If a run of that name exists; nothing is written then.
 
@@ -122,21 +129,21 @@ def score(
     (True, True, True)
     """
     if not isinstance(dataset, Dataset):
-        return dataset.score(recipe, seed=seed, run=run, progress=progress)
+        chosen = preset("default") if recipe is None else recipe
+        return dataset.score(chosen, seed=seed, run=run, progress=progress)
     started_at = time.perf_counter()
-    recipe = Recipe.of(recipe)
+    recipe = preset("default") if recipe is None else Recipe.of(recipe)
     report = progress or _ignore_progress
     if run is not None:
         dataset.runs.check_unused(run)
-    labeled, held_out = _read_labeled(dataset, recipe.scale, seed)
-    report("fit", 0, 1)
-    fitted = recipe.estimator.fit(labeled, seed=seed)
-    report("fit", 1, 1)
-    residuals = None if held_out is None else fitted.uncertainty(held_out).total
-    streamed = _stream_dataset(dataset, fitted, report)
-    scale = recipe.scale.fit(streamed.uncertainty, held_out_labeled_uncertainty=residuals)
-    model = LeverageModel(fitted, scale)
-    return _commit(dataset, recipe, model, streamed, name=run, seed=seed, started_at=started_at)
+    made = _score_once(dataset, recipe, dataset.labeled(), seed=seed, report=report)
+    if recipe.self_training and (chosen := _choose_purest(dataset, made)) is not None:
+        more = collect_pairs(dataset.batches(), chosen)
+        again = _score_once(
+            dataset, recipe, join_labeled(dataset.labeled(), more), seed=seed, report=report
+        )
+        made = replace(again, self_trained=len(more))
+    return _commit(dataset, recipe, made, name=run, seed=seed, started_at=started_at)
 
 
 @overload
@@ -211,24 +218,119 @@ def rescore(
         )
     started_at = time.perf_counter()
     original = source.runs.of_any_version(source_run)
-    model = LeverageModel.from_archive(source.runs.model(original), original.fitted_scale)
+    model = LeverageModel.from_archive(
+        source.runs.model(original), original.fitted_scale, original.fitted_pooling
+    )
     if run is not None:
         dataset.runs.check_unused(run)
+    recipe = Recipe.of_run(original)
     streamed = _stream_dataset(dataset, model.estimator, progress or _ignore_progress)
-    return _commit(
-        dataset,
-        Recipe.of_run(original),
-        model,
-        streamed,
-        name=run,
-        seed=original.seed,
-        started_at=started_at,
+    labeled = dataset.per_pair("labeled").astype(bool)
+    pooled = model.pooling(streamed.uncertainty, dataset.per_pair("episode"))
+    leverage = _scale_all(model, pooled, labeled, labeled_is_one=recipe.labeled_is_one)
+    health = None
+    if labeled.any():
+        health = examine(
+            leverage[~labeled],
+            model.scale,
+            labeled=dataset.labeled(),
+            held_out=None,
+            unlabeled=None,
+            rescored=True,
+        )
+    made = _Made(model, streamed, pooled, leverage, health)
+    return _commit(dataset, recipe, made, name=run, seed=original.seed, started_at=started_at)
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """What becomes a run: the model, what it gives every pair, and how good that can be."""
+
+    model: LeverageModel
+    streamed: Streamed
+    pooled: NDArray[np.float32]
+    leverage: NDArray[np.float32]
+    health: Health | None
+    self_trained: int = 0
+
+
+def _score_once(
+    dataset: Dataset, recipe: Recipe, labeled: Pairs, *, seed: int, report: Progress
+) -> _Made:
+    """Fit on labeled pairs, stream all pairs through, pool, scale, and examine the result."""
+    is_labeled = dataset.per_pair("labeled").astype(bool)
+    unlabeled = None
+    if recipe.needs_sample:
+        unlabeled = sample_unlabeled(dataset.batches(), is_labeled, scale_floor=recipe.scale_floor)
+    _check_unlabeled(recipe, unlabeled)
+    kept, calibration = _split_labeled(labeled, recipe.scale, seed)
+    report("fit", 0, 1)
+    fitted = recipe.estimator.fit(kept, seed=seed, unlabeled=unlabeled)
+    ranks = None
+    if recipe.cross_fit and unlabeled is not None:
+        ranks = rank_labeled(recipe.estimator, recipe.pooling, kept, unlabeled=unlabeled, seed=seed)
+    report("fit", 1, 1)
+    streamed = _stream_dataset(dataset, fitted, report)
+    episode = dataset.per_pair("episode")
+    # without unlabeled pairs, the labeled ones are all the pool there is
+    pool = ~is_labeled if not is_labeled.all() else is_labeled
+    pools = recipe.pooling.fit(streamed.uncertainty[pool], episode[pool])
+    pooled = pools(streamed.uncertainty, episode)
+    held_out = None
+    if calibration is not None:
+        held_out = pools(fitted.uncertainty(calibration).total, calibration.episode)
+    elif ranks is not None:
+        held_out = np.quantile(pooled[pool], ranks).astype(np.float32)
+    scale = recipe.scale.fit(
+        pooled[pool] if recipe.scale.of_unlabeled else pooled, held_out, stretch=pools.stretch
     )
+    model = LeverageModel(fitted, scale, pools)
+    health = examine(
+        scale(pooled[~is_labeled]),
+        scale,
+        labeled=kept,
+        held_out=None if held_out is None else scale(held_out),
+        unlabeled=unlabeled,
+    )
+    leverage = _scale_all(model, pooled, is_labeled, labeled_is_one=recipe.labeled_is_one)
+    return _Made(model, streamed, pooled, leverage, health)
 
 
-def _read_labeled(dataset: Dataset, scale: Scale, seed: int) -> tuple[Pairs, Pairs | None]:
-    """Read the labeled pairs to fit on and, for a conformal scale, those to calibrate on."""
-    labeled = dataset.labeled()
+def _choose_purest(dataset: Dataset, made: _Made) -> NDArray[np.bool_] | None:
+    """Choose the pairs that join the labeled ones, unless the run is weak."""
+    if made.health is None or made.health.weak:
+        return None
+    return choose_purest(made.leverage, dataset.per_pair("labeled").astype(bool))
+
+
+def _check_unlabeled(recipe: Recipe, unlabeled: UnlabeledSample | None) -> None:
+    """Refuse a recipe that needs unlabeled pairs where there are none."""
+    if unlabeled is not None:
+        return
+    if recipe.estimator.needs_unlabeled or recipe.scale.of_unlabeled:
+        raise InvalidInputError(
+            "score: every pair is labeled, so there is nothing to compare the expert with; import "
+            "the demonstrations of unknown quality too, or choose an estimator and a scale that "
+            "need none: --estimator windowvae --scale conformal"
+        )
+
+
+def _scale_all(
+    model: LeverageModel,
+    pooled: NDArray[np.float32],
+    labeled: NDArray[np.bool_],
+    *,
+    labeled_is_one: bool,
+) -> NDArray[np.float32]:
+    """Give all pairs their leverage."""
+    leverage = model.scale(pooled)
+    if labeled_is_one:
+        leverage[labeled] = 1.0
+    return leverage
+
+
+def _split_labeled(labeled: Pairs, scale: Scale, seed: int) -> tuple[Pairs, Pairs | None]:
+    """Return the labeled pairs to fit on and, for a conformal scale, those to calibrate on."""
     if isinstance(scale, Conformal):
         return split_held_out(labeled, share=scale.held_out, seed=seed)
     return labeled, None
@@ -245,29 +347,33 @@ def _stream_dataset(dataset: Dataset, fitted: Fitted, report: Progress) -> Strea
 def _commit(
     dataset: Dataset,
     recipe: Recipe,
-    model: LeverageModel,
-    streamed: Streamed,
+    made: _Made,
     *,
     name: str | None,
     seed: int,
     started_at: float,
 ) -> Run:
     """Write a run under a name, or under the first free one of its estimator's kind."""
-    leverage = model.scale(streamed.uncertainty)
-    if recipe.labeled_is_one:
-        leverage[dataset.per_pair("labeled").astype(bool)] = 1.0
+    streamed = made.streamed
     standardizer = Standardizer.of_moments(streamed.mean, streamed.variance)
-    archive = dump(model.estimator)
+    archive = dump(made.model.estimator)
+    labeled = dataset.per_pair("labeled").astype(bool)
+    health = {} if made.health is None else asdict(made.health)
+    positions = dataset.read_recorded("position") if labeled.any() else None
     record = Run(
         name=name or dataset.runs.free_name(recipe.estimator.kind),
         dataset=dataset.name,
         dataset_version=dataset.version,
         **recipe.to_json(),
         preset=recipe.preset,
-        fitted_scale=scales.to_json(model.scale),
+        fitted_scale=scales.to_json(made.model.scale),
+        fitted_pooling=pooling.to_json(made.model.pooling),
         seed=seed,
         pairs=len(dataset),
-        labeled=int(dataset.per_pair("labeled").sum()),
+        labeled=int(labeled.sum()),
+        laps=count_laps(positions, dataset.per_pair("episode"), labeled),
+        self_trained=made.self_trained,
+        **health,
         alpha=auto_alpha(standardizer(streamed.sample)),
         shift=standardizer.shift.tolist(),
         spread=standardizer.scale.tolist(),
@@ -278,7 +384,7 @@ def _commit(
     )
     while True:
         try:
-            dataset.runs.commit(record, archive, _value_chunks(dataset, streamed, leverage))
+            dataset.runs.commit(record, archive, _value_chunks(dataset, made))
             return record
         except ConflictError:
             if name is not None:
@@ -287,28 +393,27 @@ def _commit(
         record = replace(record, name=dataset.runs.free_name(recipe.estimator.kind))
 
 
-def _value_chunks(
-    dataset: Dataset, streamed: Streamed, leverage: NDArray[np.float32]
-) -> Iterator[pa.Table]:
+def _value_chunks(dataset: Dataset, made: _Made) -> Iterator[pa.Table]:
     """Give the rows of the leverage table, a batch of the dataset's index at a time."""
+    is_pooled = not isinstance(made.model.pooling, FittedSingle)
     done = 0
     for index in dataset.index():
         rows = slice(done, done + len(index))
         done = rows.stop
         missing = pa.nulls(len(index), pa.float32())
-        parts = {
-            part: streamed.parts[part][rows] if part in streamed.parts else missing
-            for part in PARTS
-        }
-        yield pa.table(
+        known = made.streamed.parts
+        parts = {part: known[part][rows] if part in known else missing for part in PARTS}
+        values = pa.table(
             {
                 "episode": index.column("episode"),
                 "step": index.column("step"),
-                "uncertainty": streamed.uncertainty[rows],
+                "uncertainty": made.streamed.uncertainty[rows],
                 **parts,
-                "leverage": leverage[rows],
+                "leverage": made.leverage[rows],
+                "pooled": made.pooled[rows] if is_pooled else missing,
             }
         )
+        yield values.select(VALUES.names)
 
 
 def _ignore_progress(what: str, done: int, of: int) -> None:

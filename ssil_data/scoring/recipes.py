@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ssil_data import pooling as poolings
 from ssil_data import scales
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import ESTIMATORS, MDN, Estimator, from_json, to_json
-from ssil_data.scales import MinMax, Quantile, Scale
+from ssil_data.estimators import ESTIMATORS, GPR, MDN, Ensemble, Estimator, from_json, to_json
+from ssil_data.pooling import NoPooling, Pooling, Window
+from ssil_data.scales import MinMax, Posterior, Quantile, Scale
 from ssil_data.store.run_record import Run
 
 PRESETS = ("default", "paper")
 """The names of the presets."""
+
+PAPER_KINDS = ("vae", "windowvae", "mdn", "gpr")
+"""The paper's estimators."""
+
+SCALE_FLOOR = 0.3
+"""Least scale of a dimension in the preset `default`, as a share of its deviation in the pool."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +37,22 @@ class Recipe:
         What turns uncertainty into leverage in [0, 1]; 1 = expert-like.
     labeled_is_one
         Whether labeled pairs get leverage 1 whatever their uncertainty, as the paper does.
+    pooling
+        How uncertainty is pooled over time before it is scaled.
+    scale_floor
+        Least scale of a dimension that an estimator standardizes by the labeled pairs, as a share
+        of its deviation among the unlabeled ones; 0 for none, as in the paper.
+    cross_fit
+        Whether labeled pairs are judged by estimators that were not fitted on them, to calibrate
+        a posterior scale and to tell how good the run is. Fits three times instead of once.
+    self_training
+        Whether the estimator is fitted again with the purest unlabeled pairs as labeled ones, if
+        they are pure enough.
+
+    Raises
+    ------
+    InvalidInputError
+        For a scale floor that is negative or not finite.
 
     Examples
     --------
@@ -41,6 +66,29 @@ class Recipe:
     estimator: Estimator
     scale: Scale = field(default_factory=Quantile)
     labeled_is_one: bool = False
+    pooling: Pooling = field(default_factory=NoPooling)
+    scale_floor: float = 0.0
+    cross_fit: bool = False
+    self_training: bool = False
+
+    def __post_init__(self) -> None:
+        """Validate the scale floor."""
+        number = self.scale_floor
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise InvalidInputError(f"scale_floor: expected a number, found {number!r}")
+        if not 0 <= number < math.inf:
+            raise InvalidInputError(f"scale_floor: expected 0 or more, found {number}")
+        object.__setattr__(self, "scale_floor", float(number))
+
+    @property
+    def needs_sample(self) -> bool:
+        """Whether a sample of the unlabeled pairs is read before the fit."""
+        return bool(
+            self.estimator.needs_unlabeled
+            or self.scale_floor
+            or self.cross_fit
+            or self.self_training
+        )
 
     @classmethod
     def of(cls, recipe: Recipe | Estimator) -> Recipe:
@@ -67,15 +115,14 @@ class Recipe:
         run
             The run's record.
         """
-        return cls(
-            estimator=from_json(run.estimator),
-            scale=scales.settings_from_json(run.scale),
-            labeled_is_one=run.labeled_is_one,
-        )
+        return cls.from_json(run.to_json())
 
     @classmethod
     def from_json(cls, json: Mapping[str, Any]) -> Recipe:
         """Read a recipe from `to_json`'s object; other keys are ignored.
+
+        What came with later versions may be missing: pooling, scale floor, cross-fit and
+        self-training are then off, as they were.
 
         Parameters
         ----------
@@ -90,14 +137,18 @@ class Recipe:
         for key in ("estimator", "scale", "labeled_is_one"):
             if key not in json:
                 raise InvalidInputError(f"recipe: the key {key!r} is missing")
-        if not isinstance(json["labeled_is_one"], bool):
-            raise InvalidInputError(
-                f"labeled_is_one: expected true or false, found {json['labeled_is_one']!r}"
-            )
+        switches = {
+            name: json.get(name, False) for name in ("labeled_is_one", "cross_fit", "self_training")
+        }
+        for name, value in switches.items():
+            if not isinstance(value, bool):
+                raise InvalidInputError(f"{name}: expected true or false, found {value!r}")
         return cls(
             estimator=from_json(json["estimator"]),
             scale=scales.settings_from_json(json["scale"]),
-            labeled_is_one=json["labeled_is_one"],
+            pooling=poolings.settings_from_json(json.get("pooling", {"kind": NoPooling.kind})),
+            scale_floor=json.get("scale_floor", 0.0),
+            **switches,
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -106,6 +157,10 @@ class Recipe:
             "estimator": to_json(self.estimator),
             "scale": scales.to_json(self.scale),
             "labeled_is_one": self.labeled_is_one,
+            "pooling": poolings.to_json(self.pooling),
+            "scale_floor": self.scale_floor,
+            "cross_fit": self.cross_fit,
+            "self_training": self.self_training,
         }
 
     @property
@@ -115,9 +170,17 @@ class Recipe:
         Derived, so that neither an option nor `dataclasses.replace` can make it untrue.
         """
         kind = self.estimator.kind
-        return next((name for name in PRESETS if preset(name, kind) == self), None)
+        names = PRESETS if kind in PAPER_KINDS else ("default",)
+        return next((name for name in names if preset(name, kind) == self), None)
 
-    def with_options(self, *, scale: str | None, surprisal: bool | None) -> Recipe:
+    def with_options(
+        self,
+        *,
+        scale: str | None = None,
+        surprisal: bool | None = None,
+        pooling: str | None = None,
+        expert_share: float | None = None,
+    ) -> Recipe:
         """Return the recipe with some choices replaced.
 
         Parameters
@@ -126,11 +189,17 @@ class Recipe:
             Kind of another scale, with its default settings; None keeps the recipe's.
         surprisal
             Whether mdn or gpr judge the action that was taken; None keeps the recipe's choice.
+        pooling
+            Kind of another pooling, with its default settings; None keeps the recipe's.
+        expert_share
+            The share of the expert's pairs among the unlabeled ones, if it is known; None to
+            estimate it.
 
         Raises
         ------
         InvalidInputError
-            For surprisal of an estimator that has none.
+            For surprisal of an estimator that has none, or a share with another scale than the
+            posterior.
         """
         estimator = self.estimator
         if surprisal is not None:
@@ -140,21 +209,28 @@ class Recipe:
                 )
             estimator = replace(estimator, surprisal=surprisal)
         chosen = self.scale if scale is None else scales.SCALES[scale]()
-        return replace(self, estimator=estimator, scale=chosen)
+        if expert_share is not None:
+            if not isinstance(chosen, Posterior):
+                raise InvalidInputError(
+                    f"expert_share: only the posterior scale takes one, the scale is {chosen.kind}"
+                )
+            chosen = replace(chosen, expert_share=expert_share)
+        pooled = self.pooling if pooling is None else poolings.POOLINGS[pooling]()
+        return replace(self, estimator=estimator, scale=chosen, pooling=pooled)
 
 
-def preset(name: str, kind: str) -> Recipe:
+def preset(name: str, kind: str = Ensemble.kind) -> Recipe:
     """Return a named recipe for a kind of estimator.
 
     Parameters
     ----------
     name
-        `paper`: min–max scale (Algorithm 1), labeled pairs get leverage 1, no surprisal.
-        `default`: the best one measured (the README has the figures). An MDN's variances are no
-        guide to quality on any data tried here, so it judges by surprisal; a GPR orders the tiers
-        by its deviation and not by surprisal, though both separate experts from others.
+        `paper`: min–max scale (Algorithm 1), labeled pairs get leverage 1, no surprisal, nothing
+        pooled.
+        `default`: what measured best: a window over time, the posterior scale, a floor under the
+        scale of dimensions; mdn and gpr judge the action that was taken.
     kind
-        `vae`, `windowvae`, `mdn` or `gpr`.
+        `ensemble`, `vae`, `windowvae`, `mdn`, `gpr` or `contrast`; `paper` knows the paper's four.
 
     Raises
     ------
@@ -172,7 +248,18 @@ def preset(name: str, kind: str) -> Recipe:
         raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
     if name not in PRESETS:
         raise InvalidInputError(f"preset: expected one of {sorted(PRESETS)}, found {name!r}")
-    plain = ESTIMATORS[kind]()
     if name == "paper":
-        return Recipe(plain, MinMax(), labeled_is_one=True)
-    return Recipe(MDN(surprisal=True) if kind == MDN.kind else plain, Quantile())
+        if kind not in PAPER_KINDS:
+            raise InvalidInputError(
+                f"preset paper: expected one of the paper's estimators {list(PAPER_KINDS)}, "
+                f"found {kind!r}"
+            )
+        return Recipe(ESTIMATORS[kind](), MinMax(), labeled_is_one=True)
+    estimator = {MDN.kind: MDN(surprisal=True), GPR.kind: GPR(surprisal=True)}.get(kind)
+    return Recipe(
+        estimator=estimator or ESTIMATORS[kind](),
+        scale=Posterior(),
+        pooling=Window(),
+        scale_floor=SCALE_FLOOR,
+        cross_fit=True,
+    )

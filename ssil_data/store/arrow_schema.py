@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Episode, Pairs
 from ssil_data.errors import DamagedError, InvalidInputError
 
-PARTS = ("aleatoric", "epistemic")
-"""The named parts of an uncertainty that the leverage table has columns for."""
+PARTS = ("aleatoric", "epistemic", "vae", "windowvae", "mdn", "gpr", "contrast")
+"""The named parts of an uncertainty that the leverage table has columns for.
+
+The last ones are the members of an ensemble.
+"""
+
+FIRST_PARTS = PARTS[:2]
+"""Those that tables of the first version have."""
 
 EPISODES = pa.schema(
     [
@@ -33,11 +39,35 @@ VALUES = pa.schema(
         pa.field("episode", pa.int64(), nullable=False),
         pa.field("step", pa.int64(), nullable=False),
         pa.field("uncertainty", pa.float32()),
-        *(pa.field(part, pa.float32()) for part in PARTS),
+        *(pa.field(part, pa.float32()) for part in FIRST_PARTS),
         pa.field("leverage", pa.float32()),
+        pa.field("pooled", pa.float32()),
+        *(pa.field(part, pa.float32()) for part in PARTS if part not in FIRST_PARTS),
     ]
 )
-"""One run's values, in the order of the pairs."""
+"""One run's values, in the order of the pairs; columns that came later are last, and may be null.
+
+A run without pooling has no `pooled`; see `scoring`.
+"""
+
+
+def fill_columns(values: pa.Table) -> pa.Table:
+    """Return values of a run with all columns of `VALUES`; those that it lacks are null.
+
+    Parameters
+    ----------
+    values
+        Columns of `VALUES`, as many as were written.
+    """
+    missing = {
+        field.name: pa.nulls(len(values), field.type)
+        for field in VALUES
+        if field.name not in values.column_names
+    }
+    for name, column in missing.items():
+        values = values.append_column(name, column)
+    return values.select(VALUES.names).cast(VALUES)
+
 
 LEVERAGE = pa.schema([pa.field("run", pa.string(), nullable=False), *VALUES])
 

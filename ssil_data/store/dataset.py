@@ -331,7 +331,9 @@ class Dataset:
             Where bytes are not those that were written.
         """
         record = self.runs.of_any_version(run)
-        return LeverageModel.from_archive(self.runs.model(record), record.fitted_scale)
+        return LeverageModel.from_archive(
+            self.runs.model(record), record.fitted_scale, record.fitted_pooling
+        )
 
     def field(
         self,

@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -190,6 +191,24 @@ class VersionedTable:
                 f"{claim[0]}: another writer took the name first; open it anew ({error})"
             ) from None
         self.delta.update_incremental()
+        self._sync_log()
+
+    def add_columns(self, schema: pa.Schema) -> None:
+        """Add columns that the table lacks, in a commit of its own; old rows have null there.
+
+        Parameters
+        ----------
+        schema
+            The columns that are to be there.
+        """
+        missing = [field for field in schema if field.name not in self.schema.names]
+        if not missing:
+            return
+        fields = Schema.from_arrow(pa.schema(missing)).fields
+        with suppress(CommitFailedError):  # another writer added them first
+            self.delta.alter.add_columns(list(fields))
+        self.delta.update_incremental()
+        self.schema = pa.schema(self.delta.schema().to_arrow())
         self._sync_log()
 
     def batches(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 
@@ -43,6 +43,25 @@ class Run:
         Version of the code.
     model
         Digest of the fitted estimator's bytes.
+    pooling, fitted_pooling
+        How uncertainty was pooled over time, and as fitted; JSON objects with their `kind`.
+    scale_floor
+        Least scale of a dimension, as a share of its deviation among the unlabeled pairs.
+    cross_fit
+        Whether labeled pairs were judged by estimators that were not fitted on them.
+    self_training
+        Whether the estimator was to be fitted again with the purest unlabeled pairs.
+    self_trained
+        How many unlabeled pairs joined the labeled ones so; 0 if they were not pure enough.
+    labeled_episodes, laps
+        Episodes that the labeled pairs are of, and laps of a closed road that they cover; None
+        where that is not known.
+    expert_share, expert_share_interval, effective_pairs, weight_on_experts
+        What the leverage says of the unlabeled pairs: see `scoring.health.Health`.
+    calibration_error, held_out_auroc
+        What labeled pairs that were held out say of the leverage; None without them.
+    weak
+        Reasons not to trust the run.
 
     Examples
     --------
@@ -69,15 +88,33 @@ class Run:
     created: str
     ssil_data: str
     model: str
+    pooling: Mapping[str, Any] = field(default_factory=lambda: {"kind": "none"})
+    fitted_pooling: Mapping[str, Any] = field(default_factory=lambda: {"kind": "none"})
+    scale_floor: float = 0.0
+    cross_fit: bool = False
+    self_training: bool = False
+    self_trained: int = 0
+    labeled_episodes: int | None = None
+    laps: float | None = None
+    expert_share: float | None = None
+    expert_share_interval: Sequence[float] | None = None
+    effective_pairs: float | None = None
+    weight_on_experts: float | None = None
+    calibration_error: float | None = None
+    held_out_auroc: float | None = None
+    weak: Sequence[str] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the record as it is stored and served: its name under the key `run`."""
         values = asdict(self)
+        values["weak"] = list(self.weak)
+        if self.expert_share_interval is not None:
+            values["expert_share_interval"] = list(self.expert_share_interval)
         return {"run": values.pop("name"), **values}
 
     @classmethod
     def from_json(cls, json: Mapping[str, Any]) -> Run:
-        """Read a record from `to_json`'s object.
+        """Read a record from `to_json`'s object; those of earlier versions have fewer keys.
 
         Parameters
         ----------

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 import pyarrow as pa
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
-from ssil_data.store.arrow_schema import LEVERAGE, VALUES
+from ssil_data.store.arrow_schema import LEVERAGE, VALUES, fill_columns
 from ssil_data.store.delta_table import VersionedTable
 from ssil_data.store.folder import Folder, check_name
 from ssil_data.store.run_record import Run
@@ -113,7 +113,9 @@ class Runs:
         table = self._open_table()
         self._check_version(self._find(table, name))
         files = [file for file in table.files() if file.partition["run"] == name]
-        return pa.Table.from_batches(table.batches(files, VALUES.names), VALUES)
+        known = [name for name in VALUES.names if name in table.schema.names]
+        read = pa.Table.from_batches(list(table.batches(files, known)))
+        return fill_columns(read)
 
     def model(self, run: Run) -> bytes:
         """Read a run's fitted estimator, safetensors.
@@ -176,6 +178,7 @@ class Runs:
         """
         table = self._open_table()
         self._check_unused(table, run.name)
+        table.add_columns(VALUES)
         settings = json.dumps(run.to_json(), indent=1, sort_keys=True).encode()
         identity = digest(settings)
         models = self._models(run.name)

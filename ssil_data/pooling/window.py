@@ -1,0 +1,156 @@
+"""Window: the mean rank of a pair and its neighbors in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ssil_data.errors import InvalidInputError
+from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
+from ssil_data.ranks import KNOTS, find_knots, normal_scores
+
+LEAST_CORRELATION = 0.1
+"""Rank correlation of neighbors below which rows are in no order of time, and nothing is pooled."""
+
+
+@dataclass(frozen=True)
+class Window(Pooling):
+    """Mean of normal scores over the pairs up to `half_width` steps before and after.
+
+    Uncertainty becomes the normal score of its rank among unlabeled pairs first, so that one
+    outlier does not carry its neighbors along. Where neighbors are no more alike than strangers,
+    the rows are in no order of time, and the window closes to the pair alone.
+
+    Parameters
+    ----------
+    half_width
+        Steps to either side; quality that changes faster than this is blurred.
+
+    Raises
+    ------
+    InvalidInputError
+        For a number that is not whole or below 1.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=400)
+    >>> drive = np.repeat([0, 1], 200)
+    >>> pooled = sd.Window().fit(noise + 2 * drive, drive)(noise + 2 * drive, drive)
+    >>> bool(pooled[drive == 0].max() < pooled[drive == 1].min())
+    True
+    """
+
+    kind: ClassVar[str] = "window"
+    half_width: int = 25
+
+    def __post_init__(self) -> None:
+        """Validate a whole number of steps."""
+        if isinstance(self.half_width, bool) or not isinstance(self.half_width, int):
+            raise InvalidInputError(
+                f"window: half_width: expected a whole number, found {self.half_width!r}"
+            )
+        if self.half_width < 1:
+            raise InvalidInputError(
+                f"window: half_width: expected 1 or more, found {self.half_width}"
+            )
+
+    def fit(self, uncertainty: ArrayLike, episode: NDArray[np.int64]) -> FittedWindow:
+        """Remember the ranks of unlabeled pairs, and whether their neighbors are alike.
+
+        Parameters
+        ----------
+        uncertainty
+            Of the unlabeled pairs, (n,).
+        episode
+            Number of each pair's episode, (n,).
+        """
+        knots = find_knots(uncertainty)
+        scores = normal_scores(uncertainty, knots)
+        alike = _correlate_neighbors(scores, find_starts(episode)) >= LEAST_CORRELATION
+        return FittedWindow(self.half_width if alike else 0, tuple(knots.tolist()))
+
+
+@dataclass(frozen=True)
+class FittedWindow(FittedPooling):
+    """Pooled r_t = mean of normal scores over t − w … t + w, inside the episode.
+
+    Parameters
+    ----------
+    half_width
+        w, 0 where rows are in no order of time.
+    knots
+        Quantiles of the unlabeled pairs' uncertainty.
+
+    Raises
+    ------
+    InvalidInputError
+        For knots that fall, or not `KNOTS` of them.
+    """
+
+    kind: ClassVar[str] = "window"
+    half_width: int
+    knots: Sequence[float]
+
+    def __post_init__(self) -> None:
+        """Validate the knots and keep them as a tuple."""
+        knots = np.asarray(self.knots, dtype=np.float32)
+        sound = knots.shape == (KNOTS,) and np.isfinite(knots).all() and (np.diff(knots) >= 0).all()
+        if not sound or self.half_width < 0:
+            raise InvalidInputError(
+                f"window: expected {KNOTS} rising knots and a width of 0 or more"
+            )
+        object.__setattr__(self, "knots", tuple(knots.tolist()))
+
+    @property
+    def stretch(self) -> int:
+        """The width of the window."""
+        return 2 * self.half_width + 1
+
+    def _pool(
+        self, uncertainty: NDArray[np.float32], starts: NDArray[np.bool_]
+    ) -> NDArray[np.floating]:
+        scores = normal_scores(uncertainty, self.knots)
+        return average_window(scores, starts, self.half_width)
+
+
+def average_window(
+    values: NDArray[np.float32], starts: NDArray[np.bool_], half_width: int
+) -> NDArray[np.float64]:
+    """Return the mean over the rows up to `half_width` before and after, inside each episode.
+
+    Parameters
+    ----------
+    values
+        (n,).
+    starts
+        Marks the first row of each episode, (n,).
+    half_width
+        Rows to either side, 0 or more.
+    """
+    count = len(values)
+    sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    row = np.arange(count)
+    bounds = np.append(np.flatnonzero(starts), count)
+    number = np.cumsum(starts) - 1
+    first = np.maximum(bounds[number], row - half_width)
+    stop = np.minimum(bounds[number + 1], row + half_width + 1)
+    return (sums[stop] - sums[first]) / (stop - first)
+
+
+def _correlate_neighbors(scores: NDArray[np.float32], starts: NDArray[np.bool_]) -> float:
+    """Return the correlation of a row's score with the next one's; 0 without neighbors."""
+    inside = np.flatnonzero(~starts)
+    if len(inside) < 3:
+        return 0.0
+    before = scores[inside - 1].astype(np.float64)
+    after = scores[inside].astype(np.float64)
+    spread = before.std() * after.std()
+    return (
+        float(np.mean((before - before.mean()) * (after - after.mean())) / spread)
+        if spread
+        else 0.0
+    )
