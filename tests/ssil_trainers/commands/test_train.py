@@ -69,6 +69,18 @@ def test_the_preset_paper_changes_its_settings_and_no_others(
     assert paper["gae_lambda"] == 0 and paper["kl"] == 0.02
 
 
+def test_the_sharpness_of_cor_is_a_flag_and_part_of_the_policys_record(
+    pendulum: Dataset, tmp_path: Path
+) -> None:
+    train = ["train", "mixgail", "--env", "Pendulum-v1", "--dataset", "swings", *SHORT_TRAINING]
+    found = []
+    for alpha in ("auto", "7.5"):
+        assert run(*train, "--cor-alpha", alpha, "-o", tmp_path / alpha) == 0
+        metadata = Policy.load(tmp_path / alpha / "policy.safetensors").metadata
+        found.append(metadata["settings"]["cor_alpha"])
+    assert found[0] > 0 and found[1] == 7.5
+
+
 def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_record(
     pendulum: Dataset, tmp_path: Path
 ) -> None:
@@ -149,6 +161,8 @@ def test_the_help_describes_every_method() -> None:
         (["clone-shuffled", "--dataset", "swings"], "needs the leverage of a scoring run"),
         (["gail", "--dataset", "swings", "--odds-limit", "1"], "odds_limit: expected a number"),
         (["gail", "--dataset", "swings", "--expert-weighting", "all"], "posterior"),
+        (["mixgail", "--dataset", "swings", "--cor-alpha", "0"], "cor_alpha: expected auto or a"),
+        (["mixgail", "--dataset", "swings", "--cor-alpha", "sharp"], "--cor-alpha"),
     ],
 )
 def test_a_wrong_training_command_is_refused_before_anything_is_written(

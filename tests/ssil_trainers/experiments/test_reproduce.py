@@ -71,6 +71,7 @@ def test_every_cell_has_a_file_with_its_score_curve_and_identity(small: Plan):
     assert cell["score"] == pytest.approx(np.mean(returns) / -1000)
     assert cell["identity"]["dataset_version"] == small.source["swings"].version
     assert cell["identity"]["training"]["environments"] == 2
+    assert (cell["full_score"], cell["recorded_return"], cell["laps"]) == (-1000.0, None, None)
 
 
 def test_a_second_call_runs_nothing(small: Plan, monkeypatch: pytest.MonkeyPatch):
@@ -245,6 +246,12 @@ def test_the_paper_preset_is_the_papers_leverage_and_loop(monkeypatch: pytest.Mo
     assert (usual.preset, usual.training) == ("default", TrainSettings())
     assert (paper.preset, paper.training) == ("paper", replace(TrainSettings(), **PAPER))
     assert paper.training != usual.training
+
+
+def test_coverage_is_run_on_demand_alone(monkeypatch: pytest.MonkeyPatch):
+    assert "coverage" not in {table.name for table in planned([], monkeypatch).tables}
+    (table,) = planned(["--table", "coverage", "--labels", "8"], monkeypatch).tables
+    assert (table.name, table.labels) == ("coverage", (8,))
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,32 @@ def test_a_rise_of_leverage_is_judged_by_the_papers_scale():
     assert shown == {"paper": pytest.approx(rising), "default": pytest.approx(falling)}
 
 
+def test_the_most_on_the_training_track_stands_beside_the_final_score_on_others():
+    records = [record(RC_LIDAR, GAIL, None, 0.5, seed=seed) for seed in (0, 1)]
+    for seed, most in enumerate((0.7, 0.9)):
+        records[seed]["curve"] = [
+            {"steps": steps, "score": score} for steps, score in ((0, 0.1), (9, most), (18, 0.6))
+        ]
+    (row,) = Results(records).rows(RC_LIDAR)
+    assert (row["mean"], row["where_trained"]) == (0.5, 0.6)
+    assert row["most_where_trained"] == pytest.approx(0.8)
+    assert row["most_deviation"] == pytest.approx(0.1 * 2**0.5)
+
+
+def test_rows_have_the_laps_of_their_labels_where_they_are_known():
+    records = [record(RACETRACK, GAIL, labels, 0.5) for labels in (100, 300)]
+    records[1]["laps"] = 1.6
+    records.append({**record(RACETRACK, CONSTANT, None, 0.2), "laps": 6.3})
+    results = Results(records)
+    assert [results.laps(RACETRACK, labels) for labels in RACETRACK.labels] == [
+        None,
+        1.6,
+        None,
+        None,
+    ]
+    assert {(row["labels"], row["laps"]) for row in results.rows(RACETRACK)} >= {(300, 1.6)}
+
+
 def test_a_bounded_table_names_the_methods_that_reach_its_full_score():
     full = [record(RC_LIDAR, row, None, 1.0) for row in RC_LIDAR.rows if row.method != "clone"]
     clone = RC_LIDAR.rows[-1]

@@ -131,7 +131,7 @@ def test_a_checkpoint_whose_eta_followed_another_rule_is_refused(tmp_path: Path)
     train_toy(tmp_path / "gail", "gail")
     for method in ("ssil", "gail"):
         write_as_version_0_1(tmp_path / method, lacks=NEW_SETTINGS)
-    with pytest.raises(ConflictError, match="ssil of version 0.1 judged η by the centered"):
+    with pytest.raises(ConflictError, match=r"ssil of version 0\.1 judged η by the centered"):
         train_toy(tmp_path / "ssil", resume=True)
     assert train_toy(tmp_path / "gail", "gail", resume=True).curve  # no state reward, no other rule
 

@@ -15,11 +15,13 @@ import numpy as np
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import measure_quality
 from ssil_data.store import Store
+from ssil_data.store.dataset import Dataset
 from ssil_data.store.folder import Folder
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.envs.registry import make_single, make_vectorized
+from ssil_trainers.experiments.coverage import count_laps
 from ssil_trainers.experiments.fits import Fit
 from ssil_trainers.experiments.tables import Table
 from ssil_trainers.training.data import TrainingData
@@ -140,7 +142,8 @@ class Training(Task):
     def __call__(self) -> None:
         """Train, test, and write the result."""
         clock = Clock()
-        data, full_score = self._read_data()
+        dataset = Store(self.store)[self.dataset]
+        data, full_score = self._read_data(dataset)
         trained = train(
             self.cell.method,
             data,
@@ -159,6 +162,8 @@ class Training(Task):
             {
                 "score": float(np.mean(list(scores.values()))),
                 "full_score": full_score,
+                "recorded_return": data.recorded_return,
+                "laps": None if self.table.lap is None else count_laps(dataset, self.table.lap),
                 "scores": scores,
                 "tests": tests,
                 "curve": curve,
@@ -166,10 +171,10 @@ class Training(Task):
             }
         )
 
-    def _read_data(self) -> tuple[TrainingData, float]:
+    def _read_data(self, dataset: Dataset) -> tuple[TrainingData, float]:
         """Read the demonstrations, and the return that counts as 1 in the table."""
         run = None if self.fit is None else self.fit.run
-        data = TrainingData.read(Store(self.store)[self.dataset], run, threads=1)
+        data = TrainingData.read(dataset, run, threads=1)
         full_score = self.table.full_score or data.expert_return
         if full_score is None:
             raise InvalidInputError(

@@ -2,8 +2,8 @@
 
 A factor is the one the text states; it is 1 where the text states none, or a range over several
 numbers of labels. Where the paper's own table says otherwise, a note says so. Claims that a number
-is "similar" to another, and opinions, are left out. The paper's RC scores are maxima over training,
-ours are final ones.
+is "similar" to another, and opinions, are left out. The paper's RC scores are maxima over training
+where it trains, ours are final ones on tracks never seen; the table has both.
 """
 
 from __future__ import annotations

@@ -117,9 +117,19 @@ def _unit(table: Table, results: Results) -> str:
     whole = results.full_score(table)
     number = "" if whole is None else f", {whole:,.0f},"
     return (
-        f"the expert's mean return{number} as recorded with the demonstrations. The expert's "
-        f"actions have normal noise of deviation {RacetrackSettings().action_noise:g}; a policy is "
-        "tested with its mean action, without noise, and can exceed 1."
+        f"the expert's mean return{number} without the normal noise of deviation "
+        f"{RacetrackSettings().action_noise:g} on its actions, as a policy is tested."
+        f"{_compare_with_recorded(whole, results.recorded_return(table))}"
+    )
+
+
+def _compare_with_recorded(whole: float | None, recorded: float | None) -> str:
+    """Say how scores were counted before: by the return with noise, as recorded."""
+    if whole is None or recorded is None or whole == recorded:
+        return ""
+    return (
+        f" With the noise, as recorded, it is {recorded:,.0f}: scores by that, as published "
+        f"before, are {whole / recorded:.3f} times as high."
     )
 
 
@@ -165,12 +175,21 @@ def _block(table: Table, rows: list[Record], labels: int | None) -> dict[str, An
     if table.tests != (table.train_on,):
         trained = [f and {"mean": f["where_trained"], "deviation": None, "best": 0} for f in found]
         lines.append({"name": "here, where trained", "paper": False, "cells": trained})
+        most = [
+            f and {"mean": f["most_where_trained"], "deviation": f["most_deviation"], "best": 0}
+            for f in found
+        ]
+        lines.append({"name": "here, most where trained", "paper": False, "cells": most})
     paper = [published.SCORES.get((table.name, labels, row.key)) for row in table.rows]
-    most = max((p[0] for p in paper if p), default=None)
-    cells = [p and {"mean": p[0], "deviation": p[1], "best": p[0] == most} for p in paper]
-    if most is not None:
+    highest = max((p[0] for p in paper if p), default=None)
+    cells = [p and {"mean": p[0], "deviation": p[1], "best": p[0] == highest} for p in paper]
+    if highest is not None:
         lines.append({"name": "paper", "paper": True, "cells": cells})
-    return {"labels": "all" if labels is None else f"{labels:,}", "lines": lines}
+    return {
+        "labels": "all" if labels is None else f"{labels:,}",
+        "laps": next((row["laps"] for row in by.values()), None),
+        "lines": lines,
+    }
 
 
 def _ours(method: str) -> bool:

@@ -11,7 +11,6 @@ from typing import Any
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.store import Store
 from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.experiments.cells import (
     FIRST_TEST_SEED,
     Cell,
@@ -26,7 +25,6 @@ from ssil_trainers.experiments.tables import (
     ESTIMATORS,
     LEVERAGE,
     LEVERAGE_PRESETS,
-    SHARED_RUN,
     Row,
     Table,
 )
@@ -129,9 +127,8 @@ class Plan:
         settings = self.settings(table, seed)
         dataset = limit_dataset(store, table.dataset, labels)
         fit = None
-        if METHODS[row.method].uses_run:  # MixGAIL too, so that all methods have the same kernel
-            estimator = row.estimator or SHARED_RUN
-            fit = Fit.of(store, dataset, estimator=estimator, preset=self.preset, seed=seed)
+        if row.estimator is not None:
+            fit = Fit.of(store, dataset, estimator=row.estimator, preset=self.preset, seed=seed)
         cell = Cell(table.name, row.method, row.estimator, labels, seed)
         decisive = {
             "training": settings_of(row.method, settings),
@@ -140,6 +137,7 @@ class Plan:
             "episodes": table.episodes,
             "first_test_seed": FIRST_TEST_SEED,
             "full_score": table.full_score,
+            "lap": table.lap,
         }
         return Training(
             cell=cell,

@@ -31,14 +31,18 @@ LIBRARY_FILES = (
     "estimators/**/*.py",
     "field/*.py",
     "kernels/*.py",
+    "pooling/*.py",
+    "scales/*.py",
     "scoring/*.py",
     "store/*.py",
 )
 TRAINER_FILES = (
     "algorithms/*.py",
     "envs/**/*.py",
+    "training/*.json",
     "training/*.py",
     "experiments/cells.py",
+    "experiments/coverage.py",
     "experiments/fits.py",
 )
 """Files of the two packages that a result is computed by."""

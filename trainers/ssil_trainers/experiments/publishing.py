@@ -16,7 +16,7 @@ from ssil_trainers.experiments.claims import claims, controls
 from ssil_trainers.experiments.page import render_page
 from ssil_trainers.experiments.plan import Plan
 from ssil_trainers.experiments.results import Record, Results, learning_curve
-from ssil_trainers.experiments.tables import TRAINING_TABLES
+from ssil_trainers.experiments.tables import COVERAGE, TRAINING_TABLES
 from ssil_trainers.experiments.verdicts import Verdict
 
 
@@ -59,7 +59,7 @@ def publish(plan: Plan, results: Results) -> dict[str, int]:
     files["index.html"] = render_page(
         plan, results, claims=paper, controls=own, verdicts=verdicts, made_by=made_by
     )
-    for name in (f"{table.name}.csv" for table in TRAINING_TABLES):
+    for name in (f"{table.name}.csv" for table in (*TRAINING_TABLES, COVERAGE)):
         files.setdefault(name, "")
     for name, text in files.items():
         if text:

@@ -88,6 +88,32 @@ class Results:
         found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
         return found[0]["full_score"] if found else None
 
+    def recorded_return(self, table: Table) -> float | None:
+        """Return the expert's return as recorded, with noise on its actions; None if not known.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        """
+        found = [r for r in self.records if r["identity"]["cell"]["table"] == table.name]
+        return found[0].get("recorded_return") if found else None
+
+    def laps(self, table: Table, labels: int | None) -> float | None:
+        """Return how many laps so many labeled pairs cover; None if that is not known.
+
+        Parameters
+        ----------
+        table:
+            The table.
+        labels:
+            Number of labels; None is all.
+        """
+        for row in table.rows:
+            for record in self.records_of(table, row, labels) if row.labeled else ():
+                return record.get("laps")
+        return None
+
     def scores(self, table: Table, row: Row, labels: int | None) -> NDArray[np.float64]:
         """Return the final scores (seeds,) in the real environment; higher is better.
 
@@ -181,13 +207,17 @@ class Results:
         paper_mean, paper_deviation = published.SCORES.get(
             (table.name, labels, row.key), (None, None)
         )
-        records = self.records_of(table, row, labels)
+        curves = [learning_curve(record) for record in self.records_of(table, row, labels)]
+        most = [max(curve.scores) for curve in curves]
         return {
             "labels": labels,
+            "laps": self.laps(table, labels),
             "method": row.key,
             "title": row.title,
             **asdict(summary),
-            "where_trained": float(np.mean([record["curve"][-1]["score"] for record in records])),
+            "where_trained": float(np.mean([curve.scores[-1] for curve in curves])),
+            "most_where_trained": float(np.mean(most)),
+            "most_deviation": deviation(most),
             "paper_mean": paper_mean,
             "paper_deviation": paper_deviation,
         }

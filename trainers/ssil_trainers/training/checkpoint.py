@@ -86,8 +86,8 @@ def _complete_settings(identity: Mapping[str, Any]) -> dict[str, Any]:
     shaped = METHODS[identity["method"]].shaping is not no_shaping
     if shaped and identity["settings"]["centred"] and "cor_alpha" not in identity["settings"]:
         raise ConflictError(
-            f"checkpoint: {identity['method']} of version 0.1 judged η by the centered state reward, "
-            "and now by the one before centering; another folder takes a new run"
+            f"checkpoint: {identity['method']} of version 0.1 judged η by the centered state "
+            "reward, and now by the one before centering; another folder takes a new run"
         )
     defaults = {
         STORED_NAMES.get(name, name): value

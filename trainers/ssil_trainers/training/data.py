@@ -12,6 +12,7 @@ import numpy as np
 from ssil_data.store.dataset import Dataset
 from ssil_data.surface import DatasetLike
 from ssil_trainers.algorithms.demonstrations import Demonstrations
+from ssil_trainers.training.expert_return import measure_expert_return, without_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,10 @@ class TrainingData:
     demonstrations:
         The pairs to learn from.
     expert_return:
-        The expert's mean return, which makes a score of 1; None if it is not known.
+        The expert's mean return without noise on its actions, which makes a score of 1; None if no
+        return of the expert is known.
+    recorded_return:
+        The mean return that was recorded, with the noise; None if it is not known.
     identity:
         JSON that identifies the demonstrations: a checkpoint is resumed only with the same.
 
@@ -38,6 +42,7 @@ class TrainingData:
 
     demonstrations: Demonstrations
     expert_return: float | None = None
+    recorded_return: float | None = None
     identity: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -79,38 +84,10 @@ class TrainingData:
             threads=threads,
         )
         identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
-        return cls(demonstrations, measure_expert_return(dataset), identity)
-
-
-def measure_expert_return(dataset: DatasetLike) -> float | None:
-    """Return the expert's mean return, which makes a score of 1; for evaluation only.
-
-    An episode's recorded score is its return over the expert's. The expert's return is therefore
-    the median of return / score over whole episodes.
-
-    Parameters
-    ----------
-    dataset:
-        The demonstrations.
-
-    Returns
-    -------
-    :
-        The expert's return; None if no reward or score is recorded, or every episode was cut.
-
-    Examples
-    --------
-    >>> measure_expert_return(dataset) is None  # no rewards are recorded
-    True
-    """
-    rewards = dataset.read_recorded("reward")
-    if rewards is None:
-        return None
-    lengths = dataset.episodes["length"].to_numpy()
-    totals = np.add.reduceat(rewards.astype(np.float64), np.cumsum(lengths) - lengths)
-    whole = [
-        total / row["score"]
-        for total, row in zip(totals, dataset.episodes.to_pylist(), strict=True)
-        if row["score"] and row["ending"] != "cut"
-    ]
-    return float(np.median(whole)) if whole else None
+        recorded = measure_expert_return(dataset)
+        return cls(
+            demonstrations,
+            expert_return=None if recorded is None else without_noise(recorded),
+            recorded_return=recorded,
+            identity=identity,
+        )
