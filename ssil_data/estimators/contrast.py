@@ -73,11 +73,11 @@ class Contrast(Estimator):
 
     kind: ClassVar[str] = "contrast"
     expert_share: float = 0.1
-    hidden: int = 64
+    hidden: int = 128
     gradient_penalty: float = 0.1
-    steps: int = 800
+    steps: int = 400
     batch: int = 256
-    rate: float = 2e-3
+    rate: float = 4e-3
 
     def __post_init__(self) -> None:
         """Validate the settings."""

