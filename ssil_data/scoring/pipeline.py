@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ssil_data import pooling, scales
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import ConflictError, InvalidInputError
-from ssil_data.estimators import Estimator, Fitted, UnlabeledSample, dump, sample_unlabeled
+from ssil_data.estimators import Estimator, Fitted, dump, sample_unlabeled
 from ssil_data.estimators.label_split import split_held_out
 from ssil_data.features import Standardizer
 from ssil_data.field import auto_alpha
@@ -46,6 +46,7 @@ class ServedDataset(Protocol):
         recipe: Recipe | Estimator,
         /,
         *,
+        labels: int | None = None,
         seed: int = 0,
         run: str | None = None,
         progress: Progress | None = None,
@@ -54,7 +55,7 @@ class ServedDataset(Protocol):
 
         Parameters
         ----------
-        recipe, seed, run, progress
+        recipe, labels, seed, run, progress
             See `score`.
         """
         ...
@@ -85,6 +86,7 @@ def score(
     dataset: Dataset | ServedDataset,
     recipe: Recipe | Estimator | None = None,
     *,
+    labels: int | None = None,
     seed: int = 0,
     run: str | None = None,
     progress: Progress | None = None,
@@ -101,6 +103,10 @@ def score(
     recipe
         How: a recipe, or an estimator, which then goes with the quantile scale and nothing pooled.
         Without one, the preset `default`: what measured best.
+    labels
+        Fit on only so many labeled pairs, the first ones, to see what fewer labels would give. The
+        other labeled pairs get a leverage, but nothing is learned from them: they are no part of
+        the unlabeled pairs either. None for all.
     seed
         Of the fit. Same seed, same machine, same bytes.
     run
@@ -116,8 +122,8 @@ def score(
     Raises
     ------
     InvalidInputError
-        Without labeled pairs, or without unlabeled ones where the recipe needs them; nothing is
-        written then.
+        Without labeled pairs, for fewer than two `labels` or more than there are, or without
+        unlabeled pairs where the recipe needs them; nothing is written then.
     ConflictError
         If a run of that name exists; nothing is written then.
 
@@ -130,7 +136,7 @@ def score(
     """
     if not isinstance(dataset, Dataset):
         chosen = preset("default") if recipe is None else recipe
-        return dataset.score(chosen, seed=seed, run=run, progress=progress)
+        return dataset.score(chosen, labels=labels, seed=seed, run=run, progress=progress)
     started_at = time.perf_counter()
     recipe = preset("default") if recipe is None else Recipe.of(recipe)
     report = progress or _ignore_progress
@@ -259,10 +265,10 @@ def _score_once(
 ) -> _Made:
     """Fit on labeled pairs, stream all pairs through, pool, scale, and examine the result."""
     is_labeled = dataset.per_pair("labeled").astype(bool)
+    check_unlabeled(recipe, is_labeled)
     unlabeled = None
     if recipe.needs_sample:
         unlabeled = sample_unlabeled(dataset.batches(), is_labeled, scale_floor=recipe.scale_floor)
-    _check_unlabeled(recipe, unlabeled)
     kept, calibration = _split_labeled(labeled, recipe.scale, seed)
     report("fit", 0, 1)
     fitted = recipe.estimator.fit(kept, seed=seed, unlabeled=unlabeled)
@@ -303,9 +309,22 @@ def _choose_purest(dataset: Dataset, made: _Made) -> NDArray[np.bool_] | None:
     return choose_purest(made.leverage, dataset.per_pair("labeled").astype(bool))
 
 
-def _check_unlabeled(recipe: Recipe, unlabeled: UnlabeledSample | None) -> None:
-    """Refuse a recipe that needs unlabeled pairs where there are none."""
-    if unlabeled is not None:
+def check_unlabeled(recipe: Recipe, labeled: NDArray[np.bool_]) -> None:
+    """Refuse a recipe that compares the expert with unlabeled pairs where there are none.
+
+    Parameters
+    ----------
+    recipe
+        How the run is to be made.
+    labeled
+        Whether each pair, or each episode, is labeled, (n,).
+
+    Raises
+    ------
+    InvalidInputError
+        If all are labeled and the estimator or the scale needs unlabeled ones.
+    """
+    if not labeled.all():
         return
     if recipe.estimator.needs_unlabeled or recipe.scale.of_unlabeled:
         raise InvalidInputError(
