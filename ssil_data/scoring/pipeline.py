@@ -46,7 +46,6 @@ class ServedDataset(Protocol):
         recipe: Recipe | Estimator,
         /,
         *,
-        labels: int | None = None,
         seed: int = 0,
         run: str | None = None,
         progress: Progress | None = None,
@@ -55,7 +54,7 @@ class ServedDataset(Protocol):
 
         Parameters
         ----------
-        recipe, labels, seed, run, progress
+        recipe, seed, run, progress
             See `score`.
         """
         ...
@@ -106,7 +105,7 @@ def score(
     labels
         Fit on only so many labeled pairs, the first ones, to see what fewer labels would give. The
         other labeled pairs get a leverage, but nothing is learned from them: they are no part of
-        the unlabeled pairs either. None for all.
+        the unlabeled pairs either. None for all, as a service always does.
     seed
         Of the fit. Same seed, same machine, same bytes.
     run
@@ -122,8 +121,8 @@ def score(
     Raises
     ------
     InvalidInputError
-        Without labeled pairs, for fewer than two `labels` or more than there are, or without
-        unlabeled pairs where the recipe needs them; nothing is written then.
+        Without labeled pairs, for fewer than two `labels` or more than there are, for `labels` at
+        a service, or without unlabeled pairs where the recipe needs them; nothing is written then.
     ConflictError
         If a run of that name exists; nothing is written then.
 
@@ -135,19 +134,23 @@ def score(
     (True, True, True)
     """
     if not isinstance(dataset, Dataset):
+        if labels is not None:
+            raise InvalidInputError(
+                "labels: a service fits on all labeled pairs; open its store to fit on fewer"
+            )
         chosen = preset("default") if recipe is None else recipe
-        return dataset.score(chosen, labels=labels, seed=seed, run=run, progress=progress)
+        return dataset.score(chosen, seed=seed, run=run, progress=progress)
     started_at = time.perf_counter()
     recipe = preset("default") if recipe is None else Recipe.of(recipe)
     report = progress or _ignore_progress
     if run is not None:
         dataset.runs.check_unused(run)
-    made = _score_once(dataset, recipe, dataset.labeled(), seed=seed, report=report)
+    labeled = take_labels(dataset.labeled(), labels)
+    made = _score_once(dataset, recipe, labeled, count=len(labeled), seed=seed, report=report)
     if recipe.self_training and (chosen := _choose_purest(dataset, made)) is not None:
         more = collect_pairs(dataset.batches(), chosen)
-        again = _score_once(
-            dataset, recipe, join_labeled(dataset.labeled(), more), seed=seed, report=report
-        )
+        both = join_labeled(labeled, more)
+        again = _score_once(dataset, recipe, both, count=len(labeled), seed=seed, report=report)
         made = replace(again, self_trained=len(more))
     return _commit(dataset, recipe, made, name=run, seed=seed, started_at=started_at)
 
@@ -244,28 +247,62 @@ def rescore(
             unlabeled=None,
             rescored=True,
         )
-    made = _Made(model, streamed, pooled, leverage, health)
+    made = _Made(model, streamed, pooled, leverage, health, known=labeled)
     return _commit(dataset, recipe, made, name=run, seed=original.seed, started_at=started_at)
 
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """What becomes a run: the model, what it gives every pair, and how good that can be."""
+    """What becomes a run: the model, what it gives every pair, and how good that can be.
+
+    known marks the labeled pairs that the run rests on, (n,).
+    """
 
     model: LeverageModel
     streamed: Streamed
     pooled: NDArray[np.float32]
     leverage: NDArray[np.float32]
     health: Health | None
+    known: NDArray[np.bool_]
     self_trained: int = 0
 
 
+def take_labels(labeled: Pairs, count: int | None) -> Pairs:
+    """Return the first labeled pairs.
+
+    Parameters
+    ----------
+    labeled
+        All labeled pairs, (m,).
+    count
+        How many to take; None for all.
+
+    Raises
+    ------
+    InvalidInputError
+        For fewer than two, or more than there are.
+    """
+    if count is None:
+        return labeled
+    whole = isinstance(count, int) and not isinstance(count, bool)
+    if not whole or not 2 <= count <= len(labeled):
+        raise InvalidInputError(
+            f"labels: expected a whole number from 2 to {len(labeled)}, the labeled pairs, "
+            f"found {count!r}"
+        )
+    return labeled[:count]
+
+
 def _score_once(
-    dataset: Dataset, recipe: Recipe, labeled: Pairs, *, seed: int, report: Progress
+    dataset: Dataset, recipe: Recipe, labeled: Pairs, *, count: int, seed: int, report: Progress
 ) -> _Made:
-    """Fit on labeled pairs, stream all pairs through, pool, scale, and examine the result."""
+    """Fit on labeled pairs, stream all pairs through, pool, scale, and examine the result.
+
+    The first `count` labeled pairs of the dataset are known; of the others nothing is.
+    """
     is_labeled = dataset.per_pair("labeled").astype(bool)
     check_unlabeled(recipe, is_labeled)
+    known = is_labeled & (np.cumsum(is_labeled) <= count)
     unlabeled = None
     if recipe.needs_sample:
         unlabeled = sample_unlabeled(dataset.batches(), is_labeled, scale_floor=recipe.scale_floor)
@@ -279,7 +316,7 @@ def _score_once(
     streamed = _stream_dataset(dataset, fitted, report)
     episode = dataset.per_pair("episode")
     # without unlabeled pairs, the labeled ones are all the pool there is
-    pool = ~is_labeled if not is_labeled.all() else is_labeled
+    pool = ~is_labeled if not is_labeled.all() else known
     pools = recipe.pooling.fit(streamed.uncertainty[pool], episode[pool])
     pooled = pools(streamed.uncertainty, episode)
     held_out = None
@@ -288,7 +325,9 @@ def _score_once(
     elif ranks is not None:
         held_out = np.quantile(pooled[pool], ranks).astype(np.float32)
     scale = recipe.scale.fit(
-        pooled[pool] if recipe.scale.of_unlabeled else pooled, held_out, stretch=pools.stretch
+        pooled[pool] if recipe.scale.of_unlabeled else pooled[pool | known],
+        held_out,
+        stretch=pools.stretch,
     )
     model = LeverageModel(fitted, scale, pools)
     health = examine(
@@ -298,8 +337,8 @@ def _score_once(
         held_out=None if held_out is None else scale(held_out),
         unlabeled=unlabeled,
     )
-    leverage = _scale_all(model, pooled, is_labeled, labeled_is_one=recipe.labeled_is_one)
-    return _Made(model, streamed, pooled, leverage, health)
+    leverage = _scale_all(model, pooled, known, labeled_is_one=recipe.labeled_is_one)
+    return _Made(model, streamed, pooled, leverage, health, known)
 
 
 def _choose_purest(dataset: Dataset, made: _Made) -> NDArray[np.bool_] | None:
@@ -376,9 +415,12 @@ def _commit(
     streamed = made.streamed
     standardizer = Standardizer.of_moments(streamed.mean, streamed.variance)
     archive = dump(made.model.estimator)
-    labeled = dataset.per_pair("labeled").astype(bool)
+    episode = dataset.per_pair("episode")
     health = {} if made.health is None else asdict(made.health)
-    positions = dataset.read_recorded("position") if labeled.any() else None
+    if health:
+        # those of the labeled pairs, not of what was held out of them or joined them
+        health["labeled_episodes"] = len(np.unique(episode[made.known]))
+    positions = dataset.read_recorded("position") if made.known.any() else None
     record = Run(
         name=name or dataset.runs.free_name(recipe.estimator.kind),
         dataset=dataset.name,
@@ -389,8 +431,8 @@ def _commit(
         fitted_pooling=pooling.to_json(made.model.pooling),
         seed=seed,
         pairs=len(dataset),
-        labeled=int(labeled.sum()),
-        laps=count_laps(positions, dataset.per_pair("episode"), labeled),
+        labeled=int(made.known.sum()),
+        laps=count_laps(positions, episode, made.known),
         self_trained=made.self_trained,
         **health,
         alpha=auto_alpha(standardizer(streamed.sample)),

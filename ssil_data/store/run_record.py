@@ -30,7 +30,7 @@ class Run:
     seed
         Of the fit.
     pairs, labeled
-        How many pairs were scored, and how many of them are labeled.
+        How many pairs were scored, and how many labeled ones it rests on.
     seconds
         How long it took.
     alpha
