@@ -98,7 +98,7 @@ class FieldLike(Protocol):
 
 
 class ModelLike(Protocol):
-    """The fitted estimator and scale of a run."""
+    """The fitted estimator, pooling and scale of a run."""
 
     def __call__(self, pairs: Pairs, /) -> Scored:
         """Return uncertainty and leverage of pairs, of the dataset or new ones.
@@ -106,8 +106,8 @@ class ModelLike(Protocol):
         Parameters
         ----------
         pairs
-            In raw units; estimators of windows need the neighboring rows of an episode in the same
-            call.
+            In raw units; estimators of windows and poolings need the neighboring rows of an episode
+            in the same call: a pair that comes alone is judged alone.
 
         Raises
         ------
@@ -180,7 +180,8 @@ class RunsLike(Protocol):
         -------
         pyarrow.Table
             episode, step, uncertainty (larger: less like the labeled pairs), its parts aleatoric
-            and epistemic (null where the estimator has none), leverage in [0, 1].
+            and epistemic, leverage in [0, 1], the uncertainty pooled over time, and a column for
+            each member of an ensemble; null where the run has none.
         """
         ...
 
@@ -325,7 +326,7 @@ class DatasetLike(Protocol):
         ...
 
     def model(self, run: str, /) -> ModelLike:
-        """Return the fitted estimator and scale of a run of any version.
+        """Return the fitted estimator, pooling and scale of a run of any version.
 
         Parameters
         ----------

@@ -22,7 +22,7 @@ from ssil_data.demonstrations import Episode, Pairs, join_pairs
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import Estimator
 from ssil_data.kernels import check_alpha
-from ssil_data.scoring import Progress, Recipe
+from ssil_data.scoring import Progress, Recipe, preset
 from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
 from ssil_data.store.run_record import Run
 
@@ -247,7 +247,7 @@ class RemoteDataset:
         )
 
     def model(self, run: str) -> RemoteModel:
-        """Return the fitted estimator and scale of a run of any version.
+        """Return the fitted estimator, pooling and scale of a run of any version.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class RemoteDataset:
 
     def score(
         self,
-        recipe: Recipe | Estimator,
+        recipe: Recipe | Estimator | None = None,
         /,
         *,
         seed: int = 0,
@@ -277,7 +277,8 @@ class RemoteDataset:
         Parameters
         ----------
         recipe
-            How: a recipe, or an estimator, which then goes with the quantile scale.
+            How: a recipe, or an estimator, which then goes with the quantile scale and nothing
+            pooled. Without one, the preset `default` of this version of the library.
         seed
             Of the fit. Same seed, same machine, same bytes.
         run
@@ -293,11 +294,12 @@ class RemoteDataset:
         Raises
         ------
         InvalidInputError
-            Without labeled pairs.
+            Without labeled pairs, or without unlabeled ones where the recipe needs them.
         ConflictError
             If a run of that name exists.
         """
-        body = {**Recipe.of(recipe).to_json(), "seed": seed, "run": run}
+        chosen = preset("default") if recipe is None else Recipe.of(recipe)
+        body = {**chosen.to_json(), "seed": seed, "run": run}
         return self.runs[self.start(body).wait(progress)]
 
     def rescore(

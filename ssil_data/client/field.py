@@ -195,13 +195,13 @@ class RemoteModel:
     most_rows: int
 
     def __call__(self, pairs: Pairs) -> Scored:
-        """Return uncertainty and leverage of pairs.
+        """Return uncertainty, pooled inside the episodes of this call, and leverage of pairs.
 
         Parameters
         ----------
         pairs
-            In raw units; estimators of windows need the neighboring rows of an episode in the same
-            call.
+            In raw units; estimators of windows and poolings need the neighboring rows of an episode
+            in the same call. A pair that comes alone is judged alone.
 
         Raises
         ------
@@ -215,11 +215,15 @@ class RemoteModel:
                 f"pairs: expected at most {self.most_rows} at once, found {len(pairs)}"
             )
         table = _post(self.connection, f"{self.path}/score", pairs_table(pairs), {})
-        parts = [name for name in PARTS if table[name].null_count == 0 and len(table)]
+        known = [name for name in table.column_names if len(table) and not table[name].null_count]
+        columns = {name: table[name] for name in known}
+        uncertainty = table["uncertainty"].to_numpy()
         return Scored(
-            table["uncertainty"].to_numpy(),
-            {name: table[name].to_numpy() for name in parts},
-            table["leverage"].to_numpy(),
+            uncertainty=uncertainty,
+            parts={name: columns[name].to_numpy() for name in PARTS if name in columns},
+            leverage=table["leverage"].to_numpy(),
+            # a service of 0.1 pools nothing
+            pooled=columns["pooled"].to_numpy() if "pooled" in columns else uncertainty,
         )
 
 

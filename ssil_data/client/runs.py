@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from typing import Any
 
 import pyarrow as pa
 
@@ -60,7 +62,7 @@ class RemoteRuns:
     def all(self) -> list[Run]:
         """List the runs of every version of the dataset, oldest first."""
         listed = self._connection.json("GET", f"v1/datasets/{self._dataset}/runs")
-        return [Run.from_json(record) for record in listed["runs"]]
+        return [_read_run(record) for record in listed["runs"]]
 
     def __iter__(self) -> Iterator[Run]:
         """Go through the runs of this version, oldest first."""
@@ -101,7 +103,7 @@ class RemoteRuns:
         NotFoundError
             If no run has the name.
         """
-        return Run.from_json(self._connection.json("GET", run_path(self._dataset, name)))
+        return _read_run(self._connection.json("GET", run_path(self._dataset, name)))
 
     def values(self, name: str) -> pa.Table:
         """Read a run's values in the order of the pairs.
@@ -114,8 +116,9 @@ class RemoteRuns:
         Returns
         -------
         pyarrow.Table
-            episode, step, uncertainty, its parts aleatoric and epistemic (null where the estimator
-            has none), and leverage in [0, 1].
+            The columns of the local store's: episode, step, uncertainty, its parts aleatoric and
+            epistemic, leverage in [0, 1], the uncertainty pooled over time, and the members of an
+            ensemble; null where the run has none.
 
         Raises
         ------
@@ -125,4 +128,12 @@ class RemoteRuns:
             If the run was made from another version.
         """
         path = f"{run_path(self._dataset, name)}/leverage"
-        return read_table(self._connection, path, self._version).cast(VALUES)
+        return read_table(self._connection, path, self._version, {"columns": VALUES.names}).cast(
+            VALUES
+        )
+
+
+def _read_run(record: Mapping[str, Any]) -> Run:
+    """Read a record, without what a newer service may say of a run."""
+    known = {"run", *(field.name for field in fields(Run))}
+    return Run.from_json({name: value for name, value in record.items() if name in known})

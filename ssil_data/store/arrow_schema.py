@@ -69,6 +69,9 @@ def fill_columns(values: pa.Table) -> pa.Table:
     return values.select(VALUES.names).cast(VALUES)
 
 
+FIRST_COLUMNS = ("episode", "step", "uncertainty", *FIRST_PARTS, "leverage")
+"""The columns that tables of the first version have, and clients of it read."""
+
 LEVERAGE = pa.schema([pa.field("run", pa.string(), nullable=False), *VALUES])
 
 

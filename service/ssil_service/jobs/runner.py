@@ -185,7 +185,7 @@ def build_expected_record(body: Mapping[str, Any], store: Store, dataset: str) -
         Attributes of `ssil_data.store.run_record.Run` with their values.
     """
     if "fitted" not in body:
-        return {name: body[name] for name in ("estimator", "scale", "labeled_is_one", "seed")}
+        return dict(body)
     fitted = body["fitted"]
     source: Run = store[fitted["dataset"] or dataset].runs.of_any_version(fitted["run"])
     return {"model": source.model, "fitted_scale": source.fitted_scale}

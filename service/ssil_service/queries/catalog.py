@@ -149,7 +149,7 @@ class Catalog:
         return found
 
     async def model(self, snapshot: Snapshot, run: str) -> LeverageModel:
-        """Return the fitted estimator and scale of a run.
+        """Return the fitted estimator, pooling and scale of a run.
 
         Parameters
         ----------
@@ -173,7 +173,8 @@ class Catalog:
 
         def build() -> tuple[LeverageModel, int]:
             archive = snapshot.dataset.runs.model(record)
-            return LeverageModel.from_archive(archive, record.fitted_scale), len(archive)
+            model = LeverageModel.from_archive(archive, record.fitted_scale, record.fitted_pooling)
+            return model, len(archive)
 
         return await self._get(key, build)
 

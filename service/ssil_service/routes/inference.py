@@ -1,7 +1,8 @@
 """The Open Inference Protocol, version 2: fitted estimators and fields as models.
 
-`<dataset>.<run>` gives the uncertainty and leverage of pairs, `<dataset>.<run>.lcor` and `….cor`
-LCoR and CoR of states. A model's version is the version of the dataset that its run was made from;
+`<dataset>.<run>` gives the uncertainty and leverage of pairs, pooled inside the episodes of one
+request; a pair that comes alone is judged alone. `<dataset>.<run>.lcor` and `….cor` give LCoR and
+CoR of states. A model's version is the version of the dataset that its run was made from;
 a model whose version is named answers however much the dataset has grown since.
 """
 
@@ -43,7 +44,7 @@ ModelVersion = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$")]
 _OUTPUTS = {
     "lcor": {"values": "FP64", "effective_sample_size": "FP64"},
     "cor": {"values": "FP64"},
-    "": {"uncertainty": "FP32", "leverage": "FP32"},
+    "": {"uncertainty": "FP32", "leverage": "FP32", "pooled": "FP32"},
 }
 _BINARY_AFTER = "Inference-Header-Content-Length"
 HeaderLength = Annotated[
@@ -267,7 +268,7 @@ async def _score(
     pairs = Pairs(states, actions, episode, number_steps(episode))
     estimator = await here.catalog.model(model.snapshot, model.run)
     scored = await here.compute(SCORE_COST * len(pairs), lambda: estimator(pairs))
-    return {"uncertainty": scored.uncertainty, "leverage": scored.leverage}
+    return {name: getattr(scored, name) for name in _OUTPUTS[""]}
 
 
 def _rows(inputs: dict[str, np.ndarray], name: str, width: int) -> Any:

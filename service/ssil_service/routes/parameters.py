@@ -14,6 +14,7 @@ from fastapi import Depends, Path, Query
 from pydantic import BaseModel, ConfigDict
 
 from ssil_data.field import LCoRQuery
+from ssil_data.store.arrow_schema import VALUES
 from ssil_service.problems import SHOWN, Fault, Problem, of_validation
 from ssil_service.schemas.requests import NAME
 
@@ -88,9 +89,8 @@ class LeverageParameters(PageParameters):
     first_step: Index | None = None
     last_step: Index | None = None
     columns: Annotated[
-        list[Literal["episode", "step", "uncertainty", "aleatoric", "epistemic", "leverage"]]
-        | None,
-        Query(description="These columns only."),
+        list[Literal[tuple(VALUES.names)]] | None,  # pyright: ignore[reportInvalidTypeForm]
+        Query(description="These columns; those of the first version, up to leverage, if absent."),
     ] = None
 
 

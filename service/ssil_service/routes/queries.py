@@ -12,7 +12,8 @@ from starlette.responses import Response
 from ssil_data.client.wire import rows_of_matrix
 from ssil_data.field import LCoR, LCoRQuery
 from ssil_data.kernels import Sums
-from ssil_data.store.arrow_schema import PARTS
+from ssil_data.scoring import Scored
+from ssil_data.store.arrow_schema import FIRST_PARTS
 from ssil_service.context import COR_COST, SCORE_COST, context
 from ssil_service.http.openapi import bulk, bulk_body, problems
 from ssil_service.http.route_cache import cache_route
@@ -104,7 +105,11 @@ async def cor(
 )
 @cache_route
 async def score(request: Request, dataset: DatasetName, run: RunName) -> Response:
-    """Return uncertainty and leverage of pairs, of the dataset or new, by a run of any version."""
+    """Return uncertainty and leverage of pairs, of the dataset or new, by a run of any version.
+
+    Uncertainty is pooled inside the episodes of the request: a pair that comes alone is judged
+    alone. Without `episode`, all rows are one episode.
+    """
     media = negotiate(request)
     here = context(request)
     snapshot = await here.catalog.snapshot(dataset)
@@ -113,15 +118,23 @@ async def score(request: Request, dataset: DatasetName, run: RunName) -> Respons
     model = await here.catalog.model(snapshot, run)
     scored = await here.compute(SCORE_COST * len(pairs), lambda: model(pairs))
     here.metrics.record_rows("score", len(pairs))
-    missing = pa.nulls(len(pairs), pa.float32())
-    table = pa.table(
+    return await table_response(request, _score_table(scored), media)
+
+
+def _score_table(scored: Scored) -> pa.Table:
+    """Return what a model gives as a table; members of an ensemble only if there are any."""
+    missing = pa.nulls(len(scored.leverage), pa.float32())
+    first = {part: scored.parts.get(part, missing) for part in FIRST_PARTS}
+    members = {part: values for part, values in scored.parts.items() if part not in FIRST_PARTS}
+    return pa.table(
         {
             "uncertainty": scored.uncertainty,
-            **{part: scored.parts.get(part, missing) for part in PARTS},
+            **first,
             "leverage": scored.leverage,
+            "pooled": scored.pooled,
+            **members,
         }
     )
-    return await table_response(request, table, media)
 
 
 def _refuse_long_answer(rows: int, contributors: int, media: str) -> None:

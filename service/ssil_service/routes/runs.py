@@ -12,11 +12,10 @@ from fastapi import APIRouter, Header, Query, Request
 from pydantic_core import to_json
 from starlette.responses import Response
 
-from ssil_data import scales
 from ssil_data.client.wire import IDEMPOTENCY, JSON
-from ssil_data.estimators import from_json
-from ssil_data.estimators import to_json as settings_json
-from ssil_data.store.episodes import check_episode
+from ssil_data.scoring.pipeline import check_unlabeled
+from ssil_data.store.arrow_schema import FIRST_COLUMNS
+from ssil_data.store.episodes import check_episode, check_labeled
 from ssil_service.context import Context, context
 from ssil_service.http.openapi import bulk, json_body, problems
 from ssil_service.jobs.queue import JobRequest
@@ -69,7 +68,11 @@ async def leverage(
     run: RunName,
     parameters: Annotated[LeverageParameters, Query()],
 ) -> Response:
-    """Read a run's values of every pair: episode, step, uncertainty, its parts, leverage."""
+    """Read a run's values of every pair: episode, step, uncertainty, its parts, leverage.
+
+    Columns that came later are given if they are named: `pooled`, the uncertainty pooled over time,
+    and one for each member of an ensemble. They are null where a run has none.
+    """
     media = negotiate(request)
     here = context(request)
     snapshot = await here.catalog.snapshot(dataset, parameters.version)
@@ -134,14 +137,11 @@ async def _job_request(
         prefix = source.run_of_any_version(body.fitted.run).estimator["kind"]
         wanted: dict[str, Any] = {"fitted": body.fitted.model_dump()}
     else:
-        estimator = from_json(body.estimator.model_dump())
-        prefix = estimator.kind
-        wanted = {
-            "estimator": settings_json(estimator),
-            "scale": scales.to_json(scales.settings_from_json(body.scale.model_dump())),
-            "labeled_is_one": body.labeled_is_one,
-            "seed": body.seed,
-        }
+        recipe = body.recipe()
+        check_labeled(snapshot.name, snapshot.dataset.episodes)
+        check_unlabeled(recipe, snapshot.dataset.episodes["labeled"].to_numpy())
+        prefix = recipe.estimator.kind
+        wanted = {**recipe.to_json(), "seed": body.seed}
     return JobRequest(
         dataset=snapshot.name,
         version=snapshot.version,
@@ -165,7 +165,10 @@ def _choice(parameters: LeverageParameters) -> tuple[Any, ...]:
 
 
 def _select(table: pa.Table, parameters: LeverageParameters) -> pa.Table:
-    """Return the rows of an episode and of a range of steps, and the columns, if any are named."""
+    """Return the rows of an episode and of a range of steps, and the columns that are named.
+
+    Without names, those that clients of the first version know.
+    """
     rows = np.ones(len(table), bool)
     steps = table["step"].to_numpy()
     if parameters.episode is not None:
@@ -176,9 +179,7 @@ def _select(table: pa.Table, parameters: LeverageParameters) -> pa.Table:
         rows &= steps <= parameters.last_step
     if not rows.all():
         table = table.filter(pa.array(rows))
-    if parameters.columns:
-        table = table.select(list(dict.fromkeys(parameters.columns)))
-    return table
+    return table.select(list(dict.fromkeys(parameters.columns or FIRST_COLUMNS)))
 
 
 def _json(value: Any, tag: str) -> Response:

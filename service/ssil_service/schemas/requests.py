@@ -1,38 +1,33 @@
-"""Bodies of requests as JSON: states and pairs of queries, settings of runs."""
+"""Bodies of requests as JSON: states and pairs of queries, recipes of runs."""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
-from typing import Annotated, Any, Literal, Union
+from dataclasses import fields
+from typing import Annotated, Any
 
-import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import ConfigDict, Field
 
-from ssil_data.estimators import ESTIMATORS
-from ssil_data.scales import SCALES
+from ssil_data.scales import Quantile
+from ssil_data.scoring import Recipe, preset
+from ssil_service.schemas.settings import (
+    MOST,
+    WHOLE,
+    Body,
+    EstimatorBody,
+    PoolingBody,
+    ScaleBody,
+)
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
-_MOST = float(np.finfo(np.float32).max)
 _MOST_INTEGER = 2**63 - 1
 
-
-def _whole(value: Any) -> Any:
-    """Convert 3.0 to 3: JSON has one kind of numbers."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-_Whole = BeforeValidator(_whole)
 Name = Annotated[str, Field(pattern=NAME, examples=["racetrack"])]
-Number = Annotated[float, Field(strict=True, ge=-_MOST, le=_MOST, allow_inf_nan=False)]
-Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER), _Whole]
-Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER), _Whole]
+Number = Annotated[float, Field(strict=True, ge=-MOST, le=MOST, allow_inf_nan=False)]
+Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER), WHOLE]
+Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER), WHOLE]
+Share = Annotated[float, Field(strict=True, ge=0, le=MOST, allow_inf_nan=False)]
+Switch = Annotated[bool, Field(strict=True)]
 Row = Annotated[list[Number], Field(min_length=1)]
-
-
-class Body(BaseModel):
-    """A body whose unknown fields are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class StatesBody(Body):
@@ -42,7 +37,11 @@ class StatesBody(Body):
 
 
 class PairsBody(Body):
-    """Pairs in raw units; rows of one episode are adjacent and their steps rise by one."""
+    """Pairs in raw units; rows of one episode are adjacent and their steps rise by one.
+
+    Without `episode`, all rows are one episode. Uncertainty is pooled inside the episodes of one
+    request: a pair that comes alone is judged alone.
+    """
 
     states: list[Row]
     actions: list[Row]
@@ -50,52 +49,68 @@ class PairsBody(Body):
     step: list[Integer] | None = None
 
 
-def _settings(kind: str, settings: type) -> type[BaseModel]:
-    """Return a body with the fields and defaults of a settings dataclass, and its `kind`."""
-    described: dict[str, Any] = {"kind": (Literal[kind], ...)}
-    for field in fields(settings):
-        default = field.default
-        assert default is not MISSING
-        if isinstance(default, bool):
-            described[field.name] = (Annotated[bool, Field(strict=True)], default)
-        elif isinstance(default, int):
-            whole = Annotated[int, Field(strict=True, gt=0, le=10**6), _Whole]
-            described[field.name] = (whole, default)
-        else:
-            real = Annotated[float, Field(strict=True, allow_inf_nan=False, **_bounds(kind))]
-            described[field.name] = (real, default)
-    title = settings.__name__
-    return create_model(title, __base__=Body, __doc__=_first_line(settings), **described)
-
-
-def _bounds(kind: str) -> dict[str, Any]:
-    shares = {"quantile": {"ge": 0, "le": 1}, "conformal": {"gt": 0, "lt": 1}}
-    return shares.get(kind, {"gt": 0, "le": _MOST})
-
-
-def _first_line(settings: type) -> str:
-    return (settings.__doc__ or "").partition("\n")[0]
-
-
-EstimatorBody = Annotated[
-    Union[tuple(_settings(kind, each) for kind, each in ESTIMATORS.items())],  # noqa: UP007
-    Field(discriminator="kind"),
-]
-ScaleBody = Annotated[
-    Union[tuple(_settings(kind, each) for kind, each in SCALES.items())],  # noqa: UP007
-    Field(discriminator="kind"),
+_FIT_EXAMPLES: Any = [
+    {"seed": 0, "run": "first"},
+    {"estimator": {"kind": "windowvae", "steps": 50}, "seed": 0},
+    {
+        "estimator": {"kind": "ensemble", "members": [{"kind": "vae"}, {"kind": "contrast"}]},
+        "pooling": {"kind": "hmm"},
+        "scale": {"kind": "posterior", "expert_share": 0.1},
+        "scale_floor": 0.3,
+        "cross_fit": True,
+    },
 ]
 
 
 class FitBody(Body):
-    """Fit an estimator on the labeled pairs and give every pair a leverage."""
+    """Fit an estimator on the labeled pairs and give every pair a leverage.
 
-    estimator: EstimatorBody  # pyright: ignore[reportInvalidTypeForm]
-    scale: ScaleBody = Field(default_factory=lambda: _quantile(), validate_default=True)  # pyright: ignore
-    labeled_is_one: Annotated[bool, Field(strict=True)] = False
+    Without an estimator the recipe is the preset `default`, and every other key that is given
+    replaces a choice of it. With one, an absent scale is `quantile`, and all else absent is off.
+    """
+
+    model_config = ConfigDict(json_schema_extra={"examples": _FIT_EXAMPLES})
+
+    estimator: EstimatorBody | None = None  # pyright: ignore[reportInvalidTypeForm]
+    scale: ScaleBody | None = None  # pyright: ignore[reportInvalidTypeForm]
+    labeled_is_one: Switch | None = Field(None, description="Labeled pairs get leverage 1.")
+    pooling: PoolingBody | None = Field(  # pyright: ignore[reportInvalidTypeForm]
+        None, description="How uncertainty is pooled over time, inside each episode."
+    )
+    scale_floor: Share | None = Field(
+        None,
+        description="Least scale of a dimension: a share of its deviation among unlabeled pairs.",
+    )
+    cross_fit: Switch | None = Field(
+        None, description="Judge labeled pairs by estimators that were not fitted on them."
+    )
+    self_training: Switch | None = Field(
+        None, description="Fit again with the purest unlabeled pairs, if they are pure enough."
+    )
     seed: Seed = 0
     run: Name | None = None
     version: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")] | None = None
+
+    def recipe(self) -> Recipe:
+        """Return the recipe that the body describes.
+
+        Returns
+        -------
+        Recipe
+            What is absent is that of the preset `default`; with an estimator, what it was before
+            there was more to choose.
+
+        Raises
+        ------
+        InvalidInputError
+            For settings that contradict each other.
+        """
+        names = {field.name for field in fields(Recipe)}
+        given = self.model_dump(include=names, exclude_none=True)
+        if self.estimator is None:
+            return Recipe.from_json({**preset("default").to_json(), **given})
+        absent = {"scale": {"kind": Quantile.kind}, "labeled_is_one": False}
+        return Recipe.from_json({**absent, **given})
 
 
 class FittedRun(Body):
@@ -111,7 +126,3 @@ class RescoreBody(Body):
     fitted: FittedRun
     run: Name | None = None
     version: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")] | None = None
-
-
-def _quantile() -> Any:
-    return {"kind": "quantile"}

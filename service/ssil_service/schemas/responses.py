@@ -8,6 +8,7 @@ from typing import Any, Literal, get_type_hints
 from pydantic import BaseModel, create_model
 
 from ssil_data.store import summary
+from ssil_data.store.arrow_schema import FIRST_PARTS, PARTS
 from ssil_data.store.run_record import Run
 
 
@@ -151,9 +152,7 @@ class PairsPage(_Page):
     position: list[list[float] | None] | None = None
 
 
-class LeveragePage(_Page):
-    """Values of a run; all columns, or those that were requested."""
-
+class _FirstColumns(_Page):
     run: str
     episode: list[int] | None = None
     step: list[int] | None = None
@@ -161,6 +160,21 @@ class LeveragePage(_Page):
     aleatoric: list[float | None] | None = None
     epistemic: list[float | None] | None = None
     leverage: list[float] | None = None
+
+
+_MEMBERS: dict[str, Any] = {
+    name: (list[float | None] | None, None) for name in PARTS if name not in FIRST_PARTS
+}
+
+LeveragePage = create_model(
+    "LeveragePage",
+    __base__=_FirstColumns,
+    __doc__="Values of a run: the columns that were requested, or those up to leverage. `pooled` is"
+    " the uncertainty pooled over time; the others are the members of an ensemble.",
+    pooled=(list[float | None] | None, None),
+    **_MEMBERS,
+)
+"""The values of a run as JSON: columns of `ssil_data.store.arrow_schema.VALUES`."""
 
 
 class LCoRAnswer(BaseModel):
@@ -199,10 +213,19 @@ class CoRAnswer(BaseModel):
     value: list[float]
 
 
-class ScoreAnswer(BaseModel):
-    """Uncertainty, its parts where the estimator has any, and leverage of each pair."""
-
+class _ScoreColumns(BaseModel):
     uncertainty: list[float | None]
     aleatoric: list[float | None]
     epistemic: list[float | None]
     leverage: list[float]
+    pooled: list[float | None]
+
+
+ScoreAnswer = create_model(
+    "ScoreAnswer",
+    __base__=_ScoreColumns,
+    __doc__="Uncertainty, its parts where the estimator has any, leverage, and the uncertainty"
+    " pooled inside the episodes of the request: a pair that comes alone is judged alone.",
+    **_MEMBERS,
+)
+"""What a model gives pairs, as JSON; an ensemble also names the uncertainty of each member."""

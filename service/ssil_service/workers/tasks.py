@@ -68,8 +68,9 @@ def make_run(
     run
         Name of the new run.
     body
-        Either `{"fitted": {"dataset": …, "run": …}}`, a run whose fitted estimator scores, or the
-        settings `estimator`, `scale`, `labeled_is_one` and `seed` of a fit.
+        Either `{"fitted": {"dataset": …, "run": …}}`, a run whose fitted estimator scores, or a
+        recipe as `Recipe.to_json` returns it with the `seed` of the fit; jobs that a version
+        without pooling accepted have fewer keys.
     report
         Called with the progress.
 
