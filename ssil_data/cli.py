@@ -30,7 +30,7 @@ _COMMANDS = {
         "validate": ("data:validate", "Check that no file of a dataset has changed."),
         "delete": ("data:delete", "Delete a dataset with its runs."),
         "score": ("leverage:score", "Give every pair of a dataset a leverage in [0, 1]."),
-        "show": ("leverage:show", "Compare runs: leverage by tier, and how well it ranks quality."),
+        "show": ("show:show", "Compare runs: what each says of itself, and how it ranks quality."),
         "lcor": ("lcor:lcor", "Compute LCoR: the mean leverage of the demonstrations near states."),
         "report": ("leverage:report", "Write one offline HTML page about a dataset's runs."),
     },

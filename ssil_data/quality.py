@@ -1,4 +1,6 @@
-"""How well leverage ranks true quality, where it is known: by tier, AUROC, rank correlation.
+"""How well leverage ranks true quality, where it is known, and whether it is a chance.
+
+By tier, AUROC, rank correlation; calibration and the share of the weight that experts get.
 
 Only unlabeled episodes are judged: the estimator was fitted on the labeled ones. True score and
 tier are read here and in reports alone, never by an estimator or a trainer.
@@ -12,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
+from ssil_data.calibration import Calibration, find_calibration
 from ssil_data.store.dataset import Dataset
 
 EXPERT = "expert"
@@ -36,6 +39,16 @@ class Quality:
         Rank correlation of an episode's mean leverage with its true score; 1 is best.
     spearman_given_length
         The same with the rank of the episode's length held constant (partial correlation).
+    true_expert_share
+        Share of expert pairs among the unlabeled ones of a tier; what a run estimates as its
+        `expert_share`.
+    true_weight_on_experts
+        Share of the leverage that is on expert pairs: what they weigh in training that weights by
+        leverage. 1 is best, `true_expert_share` is what all alike would give.
+    true_calibration_error
+        Mean absolute difference between leverage and the share of expert pairs, over ten bins of
+        about equal numbers of pairs; 0 is best: of pairs with leverage .8, four in five are the
+        expert's.
 
     Examples
     --------
@@ -49,6 +62,9 @@ class Quality:
     auroc_length_matched: float | None
     spearman: float | None
     spearman_given_length: float | None
+    true_expert_share: float | None
+    true_weight_on_experts: float | None
+    true_calibration_error: float | None
 
 
 def measure_quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
@@ -76,16 +92,44 @@ def measure_quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
     expert = episodes.of_tier(EXPERT)
     negative = episodes.negative
     both = bool(len(expert) and len(negative))
+    high = episodes.pairs(expert)
+    low = episodes.pairs(negative)
+    weight = float(high.sum(dtype=np.float64))
+    total = weight + float(low.sum(dtype=np.float64))
     scored = episodes.scored
     means = episodes.mean[scored]
     scores = episodes.score[scored]
     return Quality(
         mean_leverage_by_tier={tier: episodes.tier_mean(tier) for tier in episodes.tiers},
-        auroc=auroc(episodes.pairs(expert), episodes.pairs(negative)) if both else None,
+        auroc=auroc(high, low) if both else None,
         auroc_length_matched=episodes.length_matched_auroc(expert, negative) if both else None,
         spearman=spearman(means, scores),
         spearman_given_length=partial_spearman(means, scores, episodes.length[scored]),
+        true_expert_share=len(high) / (len(high) + len(low)) if both else None,
+        true_weight_on_experts=weight / total if both and total else None,
+        true_calibration_error=find_calibration(high, low).error if both else None,
     )
+
+
+def compare_with_tiers(dataset: Dataset, leverage: NDArray[np.float32]) -> Calibration | None:
+    """Compare leverage with the tiers of a dataset's unlabeled episodes: a calibration curve.
+
+    Parameters
+    ----------
+    dataset
+        Its episodes should have tiers.
+    leverage
+        Of every pair, (n,).
+
+    Returns
+    -------
+    Calibration or None
+        None unless there are expert pairs and others.
+    """
+    episodes = _UnlabeledEpisodes(dataset.episodes, leverage)
+    expert = episodes.pairs(episodes.of_tier(EXPERT))
+    negative = episodes.pairs(episodes.negative)
+    return find_calibration(expert, negative) if len(expert) and len(negative) else None
 
 
 def auroc(high: ArrayLike, low: ArrayLike) -> float:
@@ -194,7 +238,7 @@ class _UnlabeledEpisodes:
     def pairs(self, chosen: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return the leverage of the pairs of some episodes."""
         rows = [slice(self.first[i], self.first[i] + self.length[i]) for i in chosen]
-        return np.concatenate([self.leverage[part] for part in rows])
+        return np.concatenate([self.leverage[:0], *(self.leverage[part] for part in rows)])
 
     def tier_mean(self, tier: str) -> float:
         """Return the mean leverage of the pairs of a tier."""

@@ -43,6 +43,6 @@ def example(
         return
     print_table(f"Wrote the example to {location.store}", [row])
     option = "" if location.store == StoreLocation().store else f" --store {location.store}"
-    print(f"Next: ssil-data score {name} --estimator windowvae{option}")
+    print(f"Next: ssil-data score {name}{option}")
     print(f"      ssil-data show {name}{option}")
     print(f"      ssil-data report {name} -o report.html{option}")

@@ -63,8 +63,9 @@ def print_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
         right and floats rounded to three places. Text is printed as it is, never read as markup.
     """
     table = Table(title=Text(title, style="bold"), title_justify="left")
-    for name, value in rows[0].items() if rows else ():
-        justify = "right" if isinstance(value, int | float) else "left"
+    for name in rows[0] if rows else ():
+        numbers = any(isinstance(row[name], int | float) for row in rows)
+        justify = "right" if numbers else "left"
         table.add_column(Text(name), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*(Text(_format(value)) for value in row.values()))

@@ -6,10 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
-from ssil_data.commands.leverage import show
 from ssil_data.commands.output import StoreLocation, print_table
+from ssil_data.commands.show import show
 from ssil_data.estimators import GPR
-from ssil_data.quality import auroc, measure_quality, partial_spearman, spearman
+from ssil_data.quality import (
+    auroc,
+    compare_with_tiers,
+    measure_quality,
+    partial_spearman,
+    spearman,
+)
 from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
@@ -104,6 +110,35 @@ def test_a_dataset_without_tiers_and_scores_has_no_quality(store: Store):
     judged = measure_quality(plain, np.ones(9, np.float32))
     assert judged.mean_leverage_by_tier == {}
     assert (judged.auroc, judged.spearman, judged.auroc_length_matched) == (None, None, None)
+    assert (judged.true_expert_share, judged.true_weight_on_experts) == (None, None)
+    assert judged.true_calibration_error is None
+
+
+def test_the_truth_about_weights_counts_unlabeled_pairs_of_known_tier(dataset: Dataset):
+    tier = dataset.per_pair("tier")
+    leverage = np.select([tier == "0-25", tier == "50-75"], [0.0, 0.25], 0.75).astype(np.float32)
+    leverage[dataset.per_pair("labeled").astype(bool)] = 1.0
+    judged = measure_quality(dataset, leverage)
+    # 150 pairs of the expert, 90 of the tier 50-75, 60 of the tier 0-25
+    assert judged.true_expert_share == pytest.approx(150 / 300)
+    assert judged.true_weight_on_experts == pytest.approx(0.75 * 150 / (0.75 * 150 + 0.25 * 90))
+    assert judged.true_calibration_error == pytest.approx((150 * 0.25 + 90 * 0.25) / 300)
+    nothing = measure_quality(dataset, np.zeros(len(dataset), np.float32))
+    assert nothing.true_weight_on_experts is None
+    assert nothing.true_calibration_error == pytest.approx(0.5)
+
+
+def test_the_calibration_curve_of_a_dataset_is_that_of_its_tiers(dataset: Dataset):
+    tier = dataset.per_pair("tier")
+    curve = compare_with_tiers(dataset, (tier == "expert").astype(np.float32))
+    assert curve is not None
+    assert curve.leverage.tolist() == curve.expert_share.tolist() == [0, 1]
+    assert curve.pairs.tolist() == [150, 150]
+
+
+def test_a_dataset_without_tiers_has_no_calibration_curve(store: Store):
+    plain = store.create("plain", [drive(0, 9)], state_names=STATE_NAMES, action_names=ACTION_NAMES)
+    assert compare_with_tiers(plain, np.ones(9, np.float32)) is None
 
 
 def of_tiers(store: Store, *tiers: str) -> Dataset:
@@ -139,12 +174,11 @@ def test_text_that_looks_like_markup_is_shown_as_it_is(capsys: pytest.CaptureFix
 def test_a_tier_of_any_name_has_its_own_column(store: Store, capsys: pytest.CaptureFixture[str]):
     score(of_tiers(store, "run", "tier run", "AUROC", "[/x]"), GPR(), run="mine")
     show("odd", location=StoreLocation(store.folder.uri))
-    title, _, head, _, row, *_ = capsys.readouterr().out.splitlines()
-    assert title.startswith("Leverage")
-    assert [cell.strip() for cell in head.strip("┃").split("┃")][:7] == [
+    lines = capsys.readouterr().out.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("Mean leverage"))
+    _, _, _, head, _, row, *_ = lines[first:]
+    assert [cell.strip() for cell in head.strip("┃").split("┃")][:5] == [
         "run",
-        "estimator",
-        "preset",
         "tier AUROC",
         "[/x]",
         "tier run",

@@ -28,6 +28,7 @@ IMPORTS = (
     "ssil_data.commands.data",
     "ssil_data.commands.lcor",
     "ssil_data.commands.leverage",
+    "ssil_data.commands.show",
     "ssil_data.report",
     "ssil_service.app",
     "torch",

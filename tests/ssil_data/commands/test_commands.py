@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from ssil_data.cli import app, main
-from ssil_data.commands.leverage import Kind, PresetName, ScaleKind
+from ssil_data.commands.leverage import Kind, PoolingKind, PresetName, ScaleKind
 from ssil_data.estimators import ESTIMATORS
+from ssil_data.pooling import POOLINGS
 from ssil_data.scales import SCALES
 from ssil_data.scoring import PRESETS
 from support.demonstrations import drives
@@ -106,6 +107,7 @@ def test_every_command_has_help(shell: Shell, command: str):
 def test_choices_of_the_command_line_are_the_registries():
     assert get_args(Kind) == tuple(ESTIMATORS)
     assert set(get_args(ScaleKind)) == set(SCALES)
+    assert get_args(PoolingKind) == tuple(POOLINGS)
     assert get_args(PresetName) == PRESETS
 
 
@@ -136,7 +138,8 @@ def test_import_score_show_as_json(shell: Shell):
         assert {key: run[key] for key in expected} == expected
         assert run["dataset_version"] == row["version"]
         assert run["pairs"] == row["pairs"]
-        assert run["scale"] == {"default": "quantile", "paper": "minmax"}[preset]
+        assert run["scale"] == {"default": "posterior", "paper": "minmax"}[preset]
+        assert run["pooling"] == {"default": "window", "paper": "none"}[preset]
         assert run["seconds"] > 0
     shown = shell.json("show", "drives")["runs"]
     assert [run["run"] for run in shown] == ["default", "paper"]
@@ -221,7 +224,21 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
         "Not a directory": ("show", "drives", "--store", "/etc/passwd"),
         "dataset name": ("score", "../drives", "--estimator", "vae"),
         "run name": ("score", "drives", "--estimator", "gpr", "--run", "../x"),
-        "found neither": ("score", "drives"),
+        "preset paper: expected one of the paper's estimators": (
+            *("score", "drives", "--preset", "paper", "--estimator", "contrast"),
+        ),
+        "found half": ("score", "drives", "--expert-share", "half"),
+        "expected 0 < share < 1, found 1.0": ("score", "drives", "--expert-share", "1"),
+        "only the posterior scale takes one": (
+            *("score", "drives", "--scale", "quantile", "--expert-share", ".5"),
+        ),
+        "scale_floor: expected 0 or more, found -1": ("score", "drives", "--scale-floor=-1"),
+        "from 2 to 120, the labeled pairs, found 1": ("score", "drives", "--labels", "1"),
+        "from 2 to 120, the labeled pairs, found 121": ("score", "drives", "--labels", "121"),
+        "leave out ['--pool', '--expert-share', '--labels']": (
+            *("score", "drives", "--fitted", "gpr", "--pool", "none"),
+            *("--expert-share", "auto", "--labels", 7),
+        ),
         "the name 'drives' is taken": ("import", drives_file, "--name", "drives"),
         "found 'z'": ("import", drives_file, "--name", "new", "--state", "z"),
         "row 0, column 'states'[0]": ("import", scored.folder / "bad.npz", "--name", "new"),
@@ -273,7 +290,7 @@ def test_the_example_can_be_scored_shown_and_reported_at_once(shell: Shell):
     row = shell.json("example", "--name", "tried")
     assert (row["dataset"], row["pairs"], row["episodes"]) == ("tried", 14_350, 51)
     assert row["labeled"] == 1_200
-    shell("score", "tried", "--estimator", "vae")
+    shell("score", "tried", "--estimator", "vae", "--preset", "paper")
     (run,) = shell.json("show", "tried")["runs"]
     assert run["auroc"] > 0.95
     means = run["mean_leverage_by_tier"]
