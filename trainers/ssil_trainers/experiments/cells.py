@@ -14,6 +14,7 @@ import numpy as np
 
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import measure_quality
+from ssil_data.scoring.laps import count_laps
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.folder import Folder
@@ -21,7 +22,6 @@ from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.envs.registry import make_single, make_vectorized
-from ssil_trainers.experiments.coverage import count_laps
 from ssil_trainers.experiments.fits import Fit
 from ssil_trainers.experiments.tables import Table
 from ssil_trainers.training.data import TrainingData
@@ -163,7 +163,7 @@ class Training(Task):
                 "score": float(np.mean(list(scores.values()))),
                 "full_score": full_score,
                 "recorded_return": data.recorded_return,
-                "laps": None if self.table.lap is None else count_laps(dataset, self.table.lap),
+                "laps": _count_laps(dataset),
                 "scores": scores,
                 "tests": tests,
                 "curve": curve,
@@ -223,6 +223,12 @@ def settings_of(method: str, settings: TrainSettings) -> dict[str, Any]:
         Settings of the run.
     """
     return asdict(METHODS[method].override(settings))
+
+
+def _count_laps(dataset: Dataset) -> float | None:
+    """Return how many laps the labeled pairs cover; None where no lap is known."""
+    labeled = dataset.per_pair("labeled").astype(bool)
+    return count_laps(dataset.read_recorded("position"), dataset.pairs().episode, labeled)
 
 
 def _test_policy(policy: Policy, task: str, episodes: int) -> dict[str, list[Any]]:

@@ -137,7 +137,6 @@ class Plan:
             "episodes": table.episodes,
             "first_test_seed": FIRST_TEST_SEED,
             "full_score": table.full_score,
-            "lap": table.lap,
         }
         return Training(
             cell=cell,

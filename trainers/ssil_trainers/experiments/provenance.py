@@ -42,7 +42,6 @@ TRAINER_FILES = (
     "training/*.json",
     "training/*.py",
     "experiments/cells.py",
-    "experiments/coverage.py",
     "experiments/fits.py",
 )
 """Files of the two packages that a result is computed by."""
