@@ -268,6 +268,7 @@ class RemoteDataset:
         recipe: Recipe | Estimator | None = None,
         /,
         *,
+        labels: int | None = None,
         seed: int = 0,
         run: str | None = None,
         progress: Progress | None = None,
@@ -279,6 +280,8 @@ class RemoteDataset:
         recipe
             How: a recipe, or an estimator, which then goes with the quantile scale and nothing
             pooled. Without one, the preset `default` of this version of the library.
+        labels
+            Fit on only so many labeled pairs, the first ones; None for all.
         seed
             Of the fit. Same seed, same machine, same bytes.
         run
@@ -294,12 +297,13 @@ class RemoteDataset:
         Raises
         ------
         InvalidInputError
-            Without labeled pairs, or without unlabeled ones where the recipe needs them.
+            Without labeled pairs, for fewer than two `labels` or more than there are, or without
+            unlabeled pairs where the recipe needs them.
         ConflictError
             If a run of that name exists.
         """
         chosen = preset("default") if recipe is None else Recipe.of(recipe)
-        body = {**chosen.to_json(), "seed": seed, "run": run}
+        body = {**chosen.to_json(), "labels": labels, "seed": seed, "run": run}
         return self.runs[self.start(body).wait(progress)]
 
     def rescore(

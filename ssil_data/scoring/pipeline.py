@@ -46,6 +46,7 @@ class ServedDataset(Protocol):
         recipe: Recipe | Estimator,
         /,
         *,
+        labels: int | None = None,
         seed: int = 0,
         run: str | None = None,
         progress: Progress | None = None,
@@ -54,7 +55,7 @@ class ServedDataset(Protocol):
 
         Parameters
         ----------
-        recipe, seed, run, progress
+        recipe, labels, seed, run, progress
             See `score`.
         """
         ...
@@ -105,7 +106,7 @@ def score(
     labels
         Fit on only so many labeled pairs, the first ones, to see what fewer labels would give. The
         other labeled pairs get a leverage, but nothing is learned from them: they are no part of
-        the unlabeled pairs either. None for all, as a service always does.
+        the unlabeled pairs either. None for all.
     seed
         Of the fit. Same seed, same machine, same bytes.
     run
@@ -121,8 +122,8 @@ def score(
     Raises
     ------
     InvalidInputError
-        Without labeled pairs, for fewer than two `labels` or more than there are, for `labels` at
-        a service, or without unlabeled pairs where the recipe needs them; nothing is written then.
+        Without labeled pairs, for fewer than two `labels` or more than there are, or without
+        unlabeled pairs where the recipe needs them; nothing is written then.
     ConflictError
         If a run of that name exists; nothing is written then.
 
@@ -134,12 +135,8 @@ def score(
     (True, True, True)
     """
     if not isinstance(dataset, Dataset):
-        if labels is not None:
-            raise InvalidInputError(
-                "labels: a service fits on all labeled pairs; open its store to fit on fewer"
-            )
         chosen = preset("default") if recipe is None else recipe
-        return dataset.score(chosen, seed=seed, run=run, progress=progress)
+        return dataset.score(chosen, labels=labels, seed=seed, run=run, progress=progress)
     started_at = time.perf_counter()
     recipe = preset("default") if recipe is None else Recipe.of(recipe)
     report = progress or _ignore_progress
@@ -284,13 +281,31 @@ def take_labels(labeled: Pairs, count: int | None) -> Pairs:
     """
     if count is None:
         return labeled
+    check_label_count(count, len(labeled))
+    return labeled[:count]
+
+
+def check_label_count(count: int, labeled: int) -> None:
+    """Refuse a number of labels that no run can rest on.
+
+    Parameters
+    ----------
+    count
+        How many labeled pairs are to be taken.
+    labeled
+        How many there are.
+
+    Raises
+    ------
+    InvalidInputError
+        For fewer than two, or more than there are.
+    """
     whole = isinstance(count, int) and not isinstance(count, bool)
-    if not whole or not 2 <= count <= len(labeled):
+    if not whole or not 2 <= count <= labeled:
         raise InvalidInputError(
-            f"labels: expected a whole number from 2 to {len(labeled)}, the labeled pairs, "
+            f"labels: expected a whole number from 2 to {labeled}, the labeled pairs, "
             f"found {count!r}"
         )
-    return labeled[:count]
 
 
 def _score_once(

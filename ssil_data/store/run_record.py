@@ -122,4 +122,7 @@ class Run:
             The object, with the name under the key `run`.
         """
         values = dict(json)
+        for name in ("expert_share_interval", "weak"):
+            if values.get(name) is not None:
+                values[name] = tuple(values[name])
         return cls(name=values.pop("run"), **values)

@@ -13,7 +13,8 @@ from pydantic_core import to_json
 from starlette.responses import Response
 
 from ssil_data.client.wire import IDEMPOTENCY, JSON
-from ssil_data.scoring.pipeline import check_unlabeled
+from ssil_data.scoring import Recipe
+from ssil_data.scoring.pipeline import check_label_count, check_unlabeled
 from ssil_data.store.arrow_schema import FIRST_COLUMNS
 from ssil_data.store.episodes import check_episode, check_labeled
 from ssil_service.context import Context, context
@@ -138,10 +139,9 @@ async def _job_request(
         wanted: dict[str, Any] = {"fitted": body.fitted.model_dump()}
     else:
         recipe = body.recipe()
-        check_labeled(snapshot.name, snapshot.dataset.episodes)
-        check_unlabeled(recipe, snapshot.dataset.episodes["labeled"].to_numpy())
+        _check_labels(snapshot, recipe, body.labels)
         prefix = recipe.estimator.kind
-        wanted = {**recipe.to_json(), "seed": body.seed}
+        wanted = {**recipe.to_json(), "labels": body.labels, "seed": body.seed}
     return JobRequest(
         dataset=snapshot.name,
         version=snapshot.version,
@@ -150,6 +150,19 @@ async def _job_request(
         name_prefix=prefix,
         request_digest=digest,
     )
+
+
+def _check_labels(snapshot: Snapshot, recipe: Recipe, count: int | None) -> None:
+    """Refuse at once what the job could not make of the dataset's labels; raises InvalidInputError.
+
+    A version's labels do not change, so that the job will find the same.
+    """
+    episodes = snapshot.dataset.episodes
+    check_labeled(snapshot.name, episodes)
+    labeled = episodes["labeled"].to_numpy()
+    check_unlabeled(recipe, labeled)
+    if count is not None:
+        check_label_count(count, int(episodes["length"].to_numpy()[labeled].sum()))
 
 
 def _choice(parameters: LeverageParameters) -> tuple[Any, ...]:

@@ -25,6 +25,7 @@ Name = Annotated[str, Field(pattern=NAME, examples=["racetrack"])]
 Number = Annotated[float, Field(strict=True, ge=-MOST, le=MOST, allow_inf_nan=False)]
 Integer = Annotated[int, Field(strict=True, ge=-(2**63), le=_MOST_INTEGER), WHOLE]
 Seed = Annotated[int, Field(strict=True, ge=0, le=_MOST_INTEGER), WHOLE]
+Count = Annotated[int, Field(strict=True, ge=2, le=_MOST_INTEGER), WHOLE]
 Share = Annotated[float, Field(strict=True, ge=0, le=MOST, allow_inf_nan=False)]
 Switch = Annotated[bool, Field(strict=True)]
 Row = Annotated[list[Number], Field(min_length=1)]
@@ -86,6 +87,9 @@ class FitBody(Body):
     )
     self_training: Switch | None = Field(
         None, description="Fit again with the purest unlabeled pairs, if they are pure enough."
+    )
+    labels: Count | None = Field(
+        None, description="Fit on only so many labeled pairs, the first ones; absent: on all."
     )
     seed: Seed = 0
     run: Name | None = None

@@ -69,8 +69,8 @@ def make_run(
         Name of the new run.
     body
         Either `{"fitted": {"dataset": …, "run": …}}`, a run whose fitted estimator scores, or a
-        recipe as `Recipe.to_json` returns it with the `seed` of the fit; jobs that a version
-        without pooling accepted have fewer keys.
+        recipe as `Recipe.to_json` returns it with the `labels` and the `seed` of the fit; jobs that
+        a version without pooling accepted have fewer keys.
     report
         Called with the progress.
 
@@ -91,7 +91,8 @@ def make_run(
             rescore(scored, source, fitted["run"], run=run, progress=report)
         else:
             recipe = Recipe.from_json(body)
-            score(scored, recipe, seed=body["seed"], run=run, progress=report)
+            labels = body.get("labels")
+            score(scored, recipe, labels=labels, seed=body["seed"], run=run, progress=report)
 
 
 def decode(*, source: str, target: str, most_rows: int, report: Reporter) -> None:
