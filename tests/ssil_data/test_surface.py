@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,9 @@ from numpy.testing import assert_array_equal
 import ssil_data as sd
 from ssil_data import surface
 from ssil_data.client import RemoteDataset, RemoteField, RemoteModel, RemoteRuns, RemoteStore
+from ssil_data.client import dataset as client_dataset
 from ssil_data.field import LeverageField
+from ssil_data.scoring import pipeline
 from ssil_data.store import Dataset, Runs, Store
 from ssil_data.surface import DatasetLike, FieldLike, ModelLike, RunsLike, StoreLike
 from ssil_service import embed
@@ -23,6 +26,13 @@ from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
 NAMES = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
 PAIRS = ("states", "actions", "episode", "step")
+POOLED = sd.Recipe(
+    sd.Ensemble((sd.VAE(steps=10), sd.Contrast(steps=10))),
+    sd.Posterior(),
+    pooling=sd.Window(5),
+    scale_floor=0.3,
+    cross_fit=True,
+)
 BOTH = ["a folder", "behind a service"]
 
 if TYPE_CHECKING:  # pyright holds both against the protocols here
@@ -47,11 +57,16 @@ if TYPE_CHECKING:  # pyright holds both against the protocols here
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store with two versions of `drives`; the run `old` is the first's, `mdn` the second's."""
+    """A store with two versions of `drives`; the run `old` is the first's, the others the second's.
+
+    `pooled` is by an ensemble, pooled over time.
+    """
     folder = tmp_path_factory.mktemp("surface") / "store"
     first = sd.Store(folder).create("drives", drives(), card="# Drives", **NAMES)
     sd.score(first, sd.VAE(steps=10), run="old")
-    sd.score(first.append([drive(40, 12)]), sd.MDN(steps=10), run="mdn")
+    second = first.append([drive(40, 12)])
+    sd.score(second, sd.MDN(steps=10), run="mdn")
+    sd.score(second, POOLED, run="pooled")
     return folder
 
 
@@ -163,12 +178,16 @@ def test_what_was_recorded_of_every_pair_is_read(own: Any):
 
 
 def test_runs_are_listed_and_opened(dataset: Any, truth: Dataset):
-    assert dataset.runs.names() == ["mdn", "old"]
-    assert [run.name for run in dataset.runs.all()] == ["old", "mdn"]
-    assert [run.name for run in dataset.runs] == ["mdn"]
+    assert dataset.runs.names() == ["mdn", "old", "pooled"]
+    assert [run.name for run in dataset.runs.all()] == ["old", "mdn", "pooled"]
+    assert [run.name for run in dataset.runs] == ["mdn", "pooled"]
     assert dataset.runs["mdn"] == truth.runs["mdn"]
+    assert dataset.runs["pooled"] == truth.runs["pooled"]
     assert dataset.runs.of_any_version("old") == truth.runs.of_any_version("old")
-    assert dataset.runs.values("mdn").equals(truth.runs.values("mdn"))
+    for run in ("mdn", "pooled"):
+        assert dataset.runs.values(run).equals(truth.runs.values(run))
+    assert dataset.runs.values("pooled")["pooled"].null_count == 0
+    assert dataset.runs.values("pooled")["contrast"].null_count == 0
     assert_array_equal(dataset.leverage("mdn"), truth.leverage("mdn"))
 
 
@@ -216,12 +235,26 @@ def test_another_alpha_is_another_field(dataset: Any, truth: Dataset):
 def test_a_model_gives_new_pairs_a_leverage(dataset: Any, truth: Dataset):
     new = drive(77, 15)
     pairs = sd.Pairs(new.states, new.actions, np.zeros(15, int), np.arange(15))
-    for run in ("mdn", "old"):
+    for run in ("mdn", "old", "pooled"):
         found = dataset.model(run)(pairs)
         expected = truth.model(run)(pairs)
         assert_array_equal(found.leverage, expected.leverage)
         assert_array_equal(found.uncertainty, expected.uncertainty)
+        assert_array_equal(found.pooled, expected.pooled)
         assert set(found.parts) == set(expected.parts)
+        for part, values in expected.parts.items():
+            assert_array_equal(found.parts[part], values)
+
+
+def test_pairs_are_pooled_with_those_that_come_with_them(dataset: Any):
+    new = drive(77, 15)
+    number = np.arange(15)
+    model = dataset.model("pooled")
+    together = model(sd.Pairs(new.states, new.actions, np.zeros(15, int), number))
+    alone = model(sd.Pairs(new.states, new.actions, number, np.zeros(15, int)))
+    assert_array_equal(together.uncertainty, alone.uncertainty)
+    assert_array_equal(alone.pooled.argsort(), alone.uncertainty.argsort())
+    assert np.abs(together.pooled - alone.pooled).max() > 0.01
 
 
 def test_runs_are_made_by_the_same_functions(own: Any, truth: Dataset):
@@ -240,6 +273,27 @@ def test_runs_are_made_by_the_same_functions(own: Any, truth: Dataset):
         sd.score(dataset, sd.VAE(steps=10), run="new")
     with pytest.raises(sd.NotFoundError, match="run of drives"):
         sd.rescore(dataset, dataset, "nope")
+
+
+def test_a_run_by_any_recipe_is_made_by_the_same_function(own: Any, truth: Dataset):
+    dataset = own["drives"]
+    made = sd.score(dataset, replace(POOLED, self_training=True), seed=4, run="made", labels=60)
+    assert (made.labeled, made.self_training, made.cross_fit) == (60, True, True)
+    assert made == dataset.runs["made"]
+    assert_array_equal(dataset.model("made")(truth.pairs()).leverage, dataset.leverage("made"))
+    again = sd.rescore(dataset, dataset, "pooled", run="again")
+    assert (again.pooling, again.fitted_scale) == (
+        truth.runs["pooled"].pooling,
+        truth.runs["pooled"].fitted_scale,
+    )
+    assert_array_equal(dataset.leverage("again"), truth.leverage("pooled"))
+
+
+def test_without_a_recipe_the_default_preset_is_meant(own: Any, monkeypatch: pytest.MonkeyPatch):
+    for module in (pipeline, client_dataset):
+        monkeypatch.setattr(module, "preset", lambda name: {"default": POOLED}[name])
+    made = sd.score(own["drives"], seed=2)
+    assert (made.name, sd.Recipe.of_run(made), made.seed) == ("ensemble", POOLED, 2)
 
 
 def test_a_run_is_not_made_from_the_other_kind_of_store(folder: Path, truth: Dataset):
@@ -326,6 +380,18 @@ MISTAKES: dict[str, tuple[type[Exception], Callable[[Any], Any]]] = {
         lambda s: s["drives"].append([sd.Episode(np.zeros((2, 4)), np.zeros((2, 2)))]),
     ),
     "nothing to delete": (sd.NotFoundError, lambda s: s.delete("nope")),
+    "fewer labels than two": (
+        sd.InvalidInputError,
+        lambda s: sd.score(s["drives"], sd.VAE(steps=5), labels=1),
+    ),
+    "more labels than there are": (
+        sd.InvalidInputError,
+        lambda s: sd.score(s["drives"], sd.VAE(steps=5), labels=999),
+    ),
+    "a default without unlabeled pairs": (
+        sd.InvalidInputError,
+        lambda s: sd.score(s.create("all", [drive(1, 9, labeled=True)], **NAMES)),
+    ),
     "scoring without labels": (
         sd.InvalidInputError,
         lambda s: sd.score(s.create("bare", [drive(1, 5)], **NAMES), sd.VAE(steps=5)),

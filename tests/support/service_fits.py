@@ -99,7 +99,7 @@ def _drop_options(query, *, uploads):
 
 
 def _fit_body(body, *, infers):
-    """Give rows the dataset's width, a quantile scale its ends in order, a model its inputs."""
+    """Give rows the dataset's width, a model its inputs, and a recipe what no schema can say."""
     if isinstance(body, bytes):
         return Binary(body)  # a string to schemathesis, as the document says
     if not isinstance(body, dict):
@@ -119,6 +119,10 @@ def _fit_body(body, *, infers):
         ends = [scale.get("low", 0.05), scale.get("high", 0.95)]
         if all(map(_is_number, ends)) and min(ends) >= 0 and max(ends) <= 1:
             body["scale"] = {**scale, "low": min(ends) / 2, "high": 0.6 + max(ends) / 3}
+    if isinstance(body.get("estimator"), dict):
+        body["estimator"] = _with_different_members(body["estimator"])
+    if isinstance(body.get("labels"), int):
+        body["labels"] = min(body["labels"], 120)
     if isinstance(body.get("version"), str) and len(body["version"]) == 16:
         del body["version"]
     if infers and _are_tensors(body.get("inputs")):
@@ -133,6 +137,19 @@ def _fit_body(body, *, infers):
         if isinstance(body.get("outputs"), list) and all(map(_is_output, body["outputs"])):
             body["outputs"] = []
     return body
+
+
+def _with_different_members(estimator):
+    """Give an ensemble no two members of a kind, and two at least."""
+    members = estimator.get("members")
+    if not isinstance(members, list) or not all(isinstance(each, dict) for each in members):
+        return estimator
+    kinds = {str(each.get("kind")): each for each in members}
+    if len(members) < 2 or not kinds.keys() <= {"vae", "windowvae", "mdn", "gpr", "contrast"}:
+        return estimator
+    if len(kinds) < 2:
+        kinds |= {kind: {"kind": kind} for kind in ("vae", "contrast") if kind not in kinds}
+    return {**estimator, "members": list(kinds.values())}
 
 
 def _wide(row, width):

@@ -1,12 +1,16 @@
 """A field and a model of a service have the bits of the local ones."""
 
+import httpx
 import numpy as np
+import pyarrow as pa
 import pytest
 from numpy.testing import assert_array_equal
 
 import ssil_data as sd
-from ssil_data.client import RemoteDataset
+from ssil_data.client import RemoteDataset, RemoteModel
+from ssil_data.client.wire import encode
 from ssil_service import embed
+from support.scripted_service import scripted_store
 
 
 def test_a_field_answers_bit_for_bit_like_the_local_one(dataset: RemoteDataset, local: sd.Store):
@@ -60,5 +64,24 @@ def test_a_model_scores_pairs_like_the_local_one(dataset: RemoteDataset, local: 
     expected = local["drives"].model("mdn")(pairs)
     assert_array_equal(found.uncertainty, expected.uncertainty)
     assert_array_equal(found.leverage, expected.leverage)
+    assert_array_equal(found.pooled, expected.pooled)
     assert set(found.parts) == set(expected.parts)
     assert_array_equal(found.parts["epistemic"], expected.parts["epistemic"])
+
+
+def test_an_earlier_service_pools_nothing(local: sd.Store):
+    pairs = local["drives"].episode(4)
+    scored = local["drives"].model("mdn")(pairs)
+    columns = {"uncertainty": scored.uncertainty, **scored.parts, "leverage": scored.leverage}
+    answer = httpx.Response(200, content=encode(pa.table(columns)).to_pybytes())
+    store, _ = scripted_store(answer)
+    model = RemoteModel(store.connection, "runs/mdn", local["drives"].runs["mdn"], 1000)
+    found = model(pairs)
+    assert_array_equal(found.pooled, scored.uncertainty)
+    assert set(found.parts) == {"aleatoric", "epistemic"}
+
+
+def test_no_pairs_get_no_answers(dataset: RemoteDataset):
+    none = sd.Pairs(np.empty((0, 3)), np.empty((0, 2)), np.empty(0, int), np.empty(0, int))
+    found = dataset.model("mdn")(none)
+    assert (len(found.leverage), len(found.pooled)) == (0, 0)

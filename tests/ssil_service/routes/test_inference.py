@@ -32,7 +32,7 @@ def test_server_and_models_describe_themselves(shared_http: httpx.Client, datase
     assert found["inputs"] == [{"name": "states", "datatype": "FP32", "shape": [-1, 3]}]
     assert shared_http.get(f"{LCOR}/versions/{dataset.version}/ready").status_code == 200
     names = [each["name"] for each in shared_http.get("v2/models/drives.vae").json()["outputs"]]
-    assert names == ["uncertainty", "leverage"]
+    assert names == ["uncertainty", "leverage", "pooled"]
 
 
 def test_json_tensors_are_answered(
@@ -168,7 +168,7 @@ def test_an_ambiguous_name_is_refused_unless_its_version_decides(
         assert http.get(path).json()["versions"] == [dataset.version]
     assert http.get(f"v2/models/a.r.lcor/versions/{one.version}").status_code == 409
     found = http.get("v2/models/a.x.cor").json()
-    assert [each["name"] for each in found["outputs"]] == ["uncertainty", "leverage"]
+    assert [each["name"] for each in found["outputs"]] == ["uncertainty", "leverage", "pooled"]
 
 
 @pytest.mark.parametrize("size", ["9" * 3000, "9" * 9000, str(2**41), "-1"], ids=len)

@@ -162,7 +162,7 @@ def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(http: http
         {"estimator": {"kind": "vae", "surprise": 1}},
         {"estimator": {"kind": "vae"}, "scale": {"kind": "quantile", "low": 0.9, "high": 0.1}},
         {"estimator": {"kind": "vae"}, "run": "../up"},
-        {},
+        {"estimators": {"kind": "vae"}},
     ):
         assert http.post(RUNS, json=wrong).status_code == 422, wrong
     assert http.post(RUNS, json={"fitted": {"run": "nope"}}).status_code == 404
