@@ -91,7 +91,7 @@ def _describe_held_out(run: Run) -> list[str]:
         line = f"Held-out experts against the unlabeled pairs: AUROC {run.held_out_auroc:.3f}"
         if run.expert_share is not None:
             # the unlabeled pairs contain experts, which cannot be told from experts
-            line += f" ({1 - run.expert_share / 2:.3f} is perfect with that share)"
+            line += f" (with that share, about {1 - run.expert_share / 2:.3f} is perfect)"
         lines.append(line)
     if run.calibration_error is not None:
         lines.append(f"Calibration error by held-out experts: {run.calibration_error:.3f}")

@@ -61,6 +61,8 @@ def lay_out_strips(
     groups: Sequence[NDArray[np.int64]],
     names: Sequence[str],
     leverage: Mapping[str, NDArray[np.float32]],
+    *,
+    width: int = 1000,
 ) -> Strips:
     """Lay out episodes as strips, group below group, and average their leverage over cells.
 
@@ -74,6 +76,8 @@ def lay_out_strips(
         Names of the groups.
     leverage
         Leverages of all pairs (n,) of each run.
+    width
+        Pixels that the longest strip may take, unless its cells are as narrow as one.
     """
     first = np.cumsum(lengths) - lengths
     shown = np.concatenate(groups)
@@ -96,7 +100,7 @@ def lay_out_strips(
             rows.append({"i": int(episode), "y": y, "y2": y + thick, "b": [*range(count)], **means})
         top += max(len(members) * thick, 16) + 8
     columns = int(-(-lengths[shown].max() // steps))
-    return Strips(rows, labels, steps, columns, max(1, 1000 // columns), top - 8)
+    return Strips(rows, labels, steps, columns, max(1, width // columns), top - 8)
 
 
 def _bin_steps(lengths: NDArray[np.int64]) -> int:

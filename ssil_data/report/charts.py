@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import ceil
+from typing import Any
 
 import altair as alt
 
@@ -78,8 +79,12 @@ def draw_histograms(rows: Rows, runs: Sequence[str], groups: Sequence[str]) -> S
     return build_spec(chart, {"histograms": rows})
 
 
-def draw_timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec:
+def draw_timelines(
+    strips: Strips, names: Mapping[str, str], shown: str, *, alone: Mapping[str, str]
+) -> Spec:
     """Draw episodes as strips of leverage over time, under the run that is shown.
+
+    Where a run pools, two charts: leverage of each pair judged alone, and pooled over time.
 
     Parameters
     ----------
@@ -89,15 +94,40 @@ def draw_timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec
         Names of the runs by key.
     shown
         Key of the run that is shown first.
+    alone
+        By the key of each run that pools, the key of its pairs judged alone; empty for none.
     """
+    data = {"strips": strips.rows, "labels": strips.labels}
+    parameters = run_parameters(names, shown)
+    if alone:
+        flat = [*names, *alone.values()]
+        parts = {key: alone.get(key, key) for key in names}
+        parameters.append(alt.param(name="alone", value=parts))
+        left = _draw_strips(strips, flat, "datum[alone[run]] / 100")
+        right = _draw_strips(strips, flat, "datum[run] / 100", labels=False)
+        chart: Any = alt.hconcat(
+            left.properties(title=title("each pair alone")),
+            # as high above the strips as the left one, which stands above an axis title
+            right.properties(title=title("pooled over time: the leverage", offset=32)),
+            title=run_title("Leverage over time"),
+        )
+    else:
+        chart = _draw_strips(strips, [*names], "datum[run] / 100")
+        chart = chart.properties(title=run_title("Leverage over time"))
+    return build_spec(chart.add_params(*parameters), data)
+
+
+def _draw_strips(strips: Strips, flat: Sequence[str], leverage: str, *, labels: bool = True) -> Any:
+    """Draw the strips, colored by an expression of the flattened fields."""
     width = strips.columns * strips.column
     steps = strips.steps
+    group = "Group (episodes)" if labels else None
     y = alt.Scale(domain=[0, strips.height], range=[0, strips.height], nice=False)
     cells = (
         alt.Chart(alt.NamedData("strips"))
-        .transform_flatten(["b", *names])
+        .transform_flatten(["b", *flat])
         .transform_calculate(
-            leverage="datum[run] / 100",
+            leverage=leverage,
             first=f"datum.b * {steps}",
             end=f"(datum.b + 1) * {steps}",
         )
@@ -107,10 +137,10 @@ def draw_timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec
                 "first:Q",
                 title="Step of the episode",
                 scale=alt.Scale(domain=[0, strips.columns * steps], nice=False),
-                axis=alt.Axis(grid=False, tickCount=10),
+                axis=alt.Axis(grid=False, tickCount=min(10, max(2, width // 70))),
             ),
             x2="end:Q",
-            y=alt.Y("y:Q", title="Group (episodes)", axis=_axis_with_title(), scale=y),
+            y=alt.Y("y:Q", title=group, axis=_axis_with_title(), scale=y),
             y2="y2:Q",
             color=leverage_color("leverage:Q"),
             tooltip=[
@@ -122,16 +152,13 @@ def draw_timelines(strips: Strips, names: Mapping[str, str], shown: str) -> Spec
             ],
         )
     )
-    labels = (
+    groups = (
         alt.Chart(alt.NamedData("labels"))
         .mark_text(align="right", baseline="middle", limit=150)
         .encode(x=alt.value(-8), y=alt.Y("y:Q", scale=y), text="name:N")
     )
-    chart = alt.layer(cells, labels).properties(
-        width=width, height=strips.height, title=run_title("Leverage over time")
-    )
-    data = {"strips": strips.rows, "labels": strips.labels}
-    return build_spec(chart.add_params(*run_parameters(names, shown)), data)
+    layers = (cells, groups) if labels else (cells,)
+    return alt.layer(*layers).properties(width=width, height=strips.height)
 
 
 def draw_agreement(rows: Rows, runs: Sequence[str]) -> Spec:

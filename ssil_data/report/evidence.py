@@ -9,10 +9,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ssil_data import pooling, scales
 from ssil_data.errors import InvalidInputError
 from ssil_data.quality import Quality, measure_quality
 from ssil_data.scoring import Progress
-from ssil_data.store.arrow_schema import PARTS
+from ssil_data.store.arrow_schema import FIRST_PARTS
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
 
@@ -22,13 +23,15 @@ class ScoredRun:
     """A run with its values of all n pairs, each (n,).
 
     key names the run inside charts: r0, r1, … parts are the parts of the uncertainty by name, empty
-    for estimators that have none.
+    for estimators that have none. alone is the leverage that each pair would have if it were judged
+    without its neighbors, None for a run that pools nothing.
     """
 
     key: str
     run: Run
     uncertainty: NDArray[np.float32]
     leverage: NDArray[np.float32]
+    alone: NDArray[np.float32] | None
     parts: Mapping[str, NDArray[np.float32]]
     quality: Quality
 
@@ -75,7 +78,7 @@ class Evidence:
         if not records:
             raise InvalidInputError(
                 f"runs of {dataset.name}: version {dataset.version} has none; "
-                f"score it first: ssil-data score {dataset.name} --estimator windowvae"
+                f"score it first: ssil-data score {dataset.name}"
             )
         runs = []
         for number, record in enumerate(records):
@@ -120,18 +123,34 @@ class Evidence:
         """The leverage of all pairs (n,) under each run, by key."""
         return {run.key: run.leverage for run in self.runs}
 
+    @property
+    def alone(self) -> dict[str, NDArray[np.float32]]:
+        """The leverage of all pairs (n,), each judged alone, under each run that pools, by key."""
+        return {run.key: run.alone for run in self.runs if run.alone is not None}
+
 
 def _read_scored(dataset: Dataset, key: str, record: Run) -> ScoredRun:
     values = dataset.runs.values(record.name)
     leverage = values["leverage"].to_numpy()
+    uncertainty = values["uncertainty"].to_numpy()
     return ScoredRun(
         key=key,
         run=record,
-        uncertainty=values["uncertainty"].to_numpy(),
+        uncertainty=uncertainty,
         leverage=leverage,
-        parts={part: values[part].to_numpy() for part in PARTS if not values[part].null_count},
+        alone=None if values["pooled"].null_count else _judge_alone(record, uncertainty),
+        parts={
+            part: values[part].to_numpy() for part in FIRST_PARTS if not values[part].null_count
+        },
         quality=measure_quality(dataset, leverage),
     )
+
+
+def _judge_alone(record: Run, uncertainty: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the leverage of pairs, each an episode of its own."""
+    pools = pooling.from_json(record.fitted_pooling)
+    pooled = pools(uncertainty, np.arange(len(uncertainty)))
+    return scales.from_json(record.fitted_scale)(pooled)
 
 
 def _group_episodes(episodes: pa.Table, tiers: list[str]) -> tuple[list[str], NDArray[np.int64]]:

@@ -14,6 +14,7 @@ from ssil_data.report.map_chart import draw_map
 from ssil_data.report.rendering import render
 from ssil_data.report.segments import STEPS
 from ssil_data.report.style import Spec
+from ssil_data.report.trust import describe_trust
 from ssil_data.scoring import Progress
 
 SHOWN_EPISODES = 320
@@ -33,7 +34,7 @@ def build_page(evidence: Evidence, progress: Progress) -> str:
     progress
         Called after each run that is explained.
     """
-    context = _describe_dataset(evidence) | _draw_timelines(evidence)
+    context = _describe_dataset(evidence) | describe_trust(evidence) | _draw_timelines(evidence)
     context["histograms"] = _draw_histograms(evidence)
     context["map"] = _draw_map(evidence)
     context["least_trusted"] = find_least_trusted(evidence, progress)
@@ -102,19 +103,23 @@ def _round(figure: float | None) -> float | None:
 
 def _describe_reasons(run: ScoredRun) -> str:
     """Return a sentence on what the reasons of a run's segments mean."""
-    if not run.parts:
+    settings = run.run.estimator
+    kinds = {settings["kind"], *(member["kind"] for member in settings.get("members") or ())}
+    if kinds & {"vae", "windowvae"}:
         return (
             "The reason names the state dimensions with the largest shares of the squared "
-            "reconstruction error."
+            "reconstruction error" + (" of the members that have one." if len(kinds) > 1 else ".")
         )
-    if run.run.estimator.get("surprisal"):
+    beyond = "dimensions beyond the labeled pairs' range, the furthest first."
+    if not run.parts:
+        return f"The reason names the state {beyond}"
+    if settings.get("surprisal"):
         first = "The experts would hardly have taken this action in this state"
     else:
         first = "What the experts would do in this state is uncertain"
     return (
         f"{first}: epistemic = the state is unlike the labeled ones, aleatoric = the experts' own "
-        "actions vary there. Then come the dimensions beyond the labeled pairs' range, the "
-        "furthest first."
+        f"actions vary there. Then come the {beyond}"
     )
 
 
@@ -142,7 +147,14 @@ def _draw_timelines(evidence: Evidence) -> dict[str, Any]:
     means = np.add.reduceat(evidence.chosen.leverage, first, dtype=np.float64) / evidence.lengths
     order = np.argsort(means, kind="stable")[:SHOWN_EPISODES]
     groups = [order[evidence.group[order] == number] for number in range(len(evidence.groups))]
-    strips = bins.lay_out_strips(evidence.lengths, groups, evidence.groups, evidence.leverage)
+    alone = {f"{key}alone": values for key, values in evidence.alone.items()}
+    strips = bins.lay_out_strips(
+        evidence.lengths,
+        groups,
+        evidence.groups,
+        evidence.leverage | alone,
+        width=500 if alone else 1000,
+    )
     table = evidence.dataset.episodes
     for row in strips.rows:
         place = row.pop("i")
@@ -150,7 +162,13 @@ def _draw_timelines(evidence: Evidence) -> dict[str, Any]:
         row["source"] = table["source"][place].as_py()
         row["group"] = evidence.groups[evidence.group[place]]
     return {
-        "timelines": charts.draw_timelines(strips, evidence.names, evidence.chosen.key),
+        "timelines": charts.draw_timelines(
+            strips,
+            evidence.names,
+            evidence.chosen.key,
+            alone={key: f"{key}alone" for key in evidence.alone},
+        ),
+        "pools": bool(alone),
         "shown": len(order),
         "hidden": len(means) - len(order),
         "steps": strips.steps,

@@ -40,15 +40,17 @@ def leverage_color(field: str, *, legend: bool = True) -> alt.Color:
     return alt.Color(field, scale=scale, legend=bar)
 
 
-def title(text: str) -> alt.TitleParams:
+def title(text: str, *, offset: int = 10) -> alt.TitleParams:
     """Return a chart's title.
 
     Parameters
     ----------
     text
         The title.
+    offset
+        Pixels between it and the chart.
     """
-    return alt.TitleParams(text, anchor="start", offset=10)
+    return alt.TitleParams(text, anchor="start", offset=offset)
 
 
 def run_title(text: str) -> alt.TitleParams:

@@ -31,9 +31,9 @@ def test_the_page_has_every_run_and_every_section(store: Store, tmp_path: Path):
     for name, estimator in (("first", QUICK), ("second", MDN(steps=20))):
         score(dataset, estimator, run=name)
     page = read_report(dataset, tmp_path)
-    expected = ["runs", "histograms", "timelines", "map", "segments", "agreement"]
+    expected = ["runs", "trust", "histograms", "timelines", "map", "segments", "agreement"]
     assert page.sections == expected
-    assert page.tags.count("script") == 4 + 2
+    assert page.tags.count("script") == 5 + 2
     for expected in ("plain", dataset.version, "first", "second", "0-25", "AUROC", "epistemic"):
         assert expected in page.text
 
@@ -62,7 +62,7 @@ def test_names_that_users_gave_are_escaped(store: Store, tmp_path: Path):
     )
     score(dataset, QUICK)
     page = read_report(dataset, tmp_path)
-    assert page.tags.count("script") == 2 + 2
+    assert page.tags.count("script") == 3 + 2
     assert page.text.count(HOSTILE) > 3
     assert HOSTILE not in (tmp_path / "report.html").read_text("utf-8")
 
