@@ -49,3 +49,14 @@ def test_a_job_is_made_once_however_often_the_request_is_sent():
     keys = [request.headers["idempotency-key"] for request in seen]
     assert len(keys) == 2 and keys[0] == keys[1]
     assert json.loads(seen[1].content)["version"] == "0" * 16
+
+
+def test_without_a_recipe_this_versions_default_is_sent_whole():
+    summary = {"dataset": "drives", "version": "0" * 16, "pairs": 1}
+    answers = [httpx.Response(202, json={"job": "1"}), httpx.Response(404, json={"title": "none"})]
+    store, seen = scripted_store(*answers)
+    with pytest.raises(sd.NotFoundError):
+        RemoteDataset(store.connection, summary, {}).score(labels=50, seed=7)
+    sent = json.loads(seen[0].content)
+    assert sd.Recipe.from_json(sent) == sd.preset("default")
+    assert (sent["labels"], sent["seed"], "run" in sent) == (50, 7, False)
