@@ -20,12 +20,10 @@ demo: export SSIL_STORE := $(DEMO)/datasets
 demo: .venv/.installed  ## score the racetrack demonstrations, ask LCoR, write the report
 	@rm -rf $(DEMO) && mkdir $(DEMO) && cp -R datasets $(DEMO)/datasets
 	ssil-data datasets
-	ssil-data score racetrack --estimator vae
-	ssil-data score racetrack --estimator windowvae
-	ssil-data score racetrack --estimator mdn
-	ssil-data score racetrack --estimator gpr
+	ssil-data score racetrack
+	ssil-data score racetrack --estimator windowvae --preset paper
 	ssil-data show racetrack
-	ssil-data lcor racetrack --run windowvae --episode 200
+	ssil-data lcor racetrack --run ensemble --episode 200
 	ssil-data report racetrack -o $(DEMO)/report.html
 	@echo "Open $(DEMO)/report.html in a browser; the scored store is $(DEMO)/datasets."
 
