@@ -185,9 +185,10 @@ def build_expected_record(body: Mapping[str, Any], store: Store, dataset: str) -
         Attributes of `ssil_data.store.run_record.Run` with their values.
     """
     if "fitted" not in body:
+        first = {name: body[name] for name in ("estimator", "scale", "labeled_is_one", "seed")}
+        later = {name: value for name, value in body.items() if name not in {*first, "labels"}}
         labels = body.get("labels")
-        settings = {name: value for name, value in body.items() if name != "labels"}
-        return settings if labels is None else {**settings, "labeled": labels}
+        return {**first, **later, **({} if labels is None else {"labeled": labels})}
     fitted = body["fitted"]
     source: Run = store[fitted["dataset"] or dataset].runs.of_any_version(fitted["run"])
     return {"model": source.model, "fitted_scale": source.fitted_scale}
