@@ -43,7 +43,8 @@ def find_knots(uncertainty: ArrayLike) -> NDArray[np.float32]:
 def normal_scores(uncertainty: ArrayLike, knots: ArrayLike) -> NDArray[np.float32]:
     """Return the normal score of each value in a pool: 0 for its median; larger = stranger.
 
-    The 95 % quantile gets 1.64. A value among equal ones gets the middle of their ranks; one beyond the pool gets the end's.
+    The 95 % quantile gets 1.64. A value among equal ones gets the middle of their ranks; one beyond
+    the pool gets the end's.
 
     Parameters
     ----------
@@ -60,8 +61,8 @@ def normal_scores(uncertainty: ArrayLike, knots: ArrayLike) -> NDArray[np.float3
     Examples
     --------
     >>> from ssil_data.ranks import find_knots, normal_scores
-    >>> normal_scores([500.0, 1e9], find_knots(np.arange(1001.0))).round(2).tolist()
-    [0.0, 4.0]
+    >>> normal_scores([500.0, 950.0, 1e9], find_knots(np.arange(1001.0))).round(1).astype(str)
+    array(['0.0', '1.6', '3.7'], dtype='<U32')
     """
     values = np.asarray(uncertainty, dtype=np.float32)
     grid = np.asarray(knots, dtype=np.float32)

@@ -24,17 +24,21 @@ from ssil_data.estimators.base import (
     check_fit_input,
 )
 from ssil_data.estimators.perceptron import Perceptron
-from ssil_data.estimators.unlabeled import UnlabeledSample
+from ssil_data.estimators.unlabeled import UnlabeledSample, clip_outliers
 from ssil_data.features import Standardizer
+
+FAR = 20.0
+"""Deviations from the pairs of the fit beyond which the network knows nothing."""
 
 
 @dataclass(frozen=True)
 class Contrast(Estimator):
-    """Classifier of labeled against unlabeled pairs (positive–unlabeled): uncertain = unlike both.
+    """Classifier of labeled against unlabeled pairs (positive–unlabeled): larger = stranger.
 
     The uncertainty is minus the classifier's logit of a pair being the expert's; larger = less
     like the labeled pairs, and it may be negative. Pairs of another dataset are judged by what
-    told the expert from the unlabeled pairs that it was fitted with.
+    told the expert from the unlabeled pairs that it was fitted with. Beyond `FAR` deviations from
+    all of these it would guess, so each further deviation adds 1.
 
     Parameters
     ----------
@@ -127,15 +131,15 @@ class Contrast(Estimator):
             )
         ours = _join_columns(labeled)
         others = _join_columns(unlabeled.pairs)
-        standardizer = Standardizer.of(np.concatenate([ours, others]))
+        standardizer = Standardizer.of(clip_outliers(np.concatenate([ours, others])))
         return FittedContrast(
             settings=self,
             state_width=labeled.states.shape[1],
             action_width=labeled.actions.shape[1],
             standardizer=standardizer,
             network=classifier.learn(
-                standardizer(ours),
-                standardizer(others),
+                np.clip(standardizer(ours), -FAR, FAR),
+                np.clip(standardizer(others), -FAR, FAR),
                 share=self.expert_share,
                 hidden=self.hidden,
                 gradient_penalty=self.gradient_penalty,
@@ -173,7 +177,9 @@ class FittedContrast(Fitted):
 
     def _uncertainty(self, pairs: Pairs) -> Uncertainty:
         def judge(states: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.float32]:
-            return -self.network(self.standardizer(np.concatenate([states, actions], axis=1)))[:, 0]
+            standard = self.standardizer(np.concatenate([states, actions], axis=1))
+            excess = np.maximum(np.abs(standard).max(axis=1) - np.float32(FAR), 0)
+            return excess - self.network(np.clip(standard, -FAR, FAR))[:, 0]
 
         return Uncertainty(apply_in_blocks(judge, pairs.states, pairs.actions), {})
 

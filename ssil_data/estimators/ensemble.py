@@ -141,6 +141,7 @@ class FittedEnsemble(Fitted):
         kinds = [member.settings.kind for member in self.members]
         check_equal("members", kinds, [member.kind for member in self.settings.members])
         check_equal("knots", self.knots.shape, (len(kinds), KNOTS))
+        check_equal("knots that fall", bool((np.diff(self.knots) < 0).any()), False)
 
     @property
     def margin(self) -> int:
@@ -167,4 +168,4 @@ class FittedEnsemble(Fitted):
             n pairs of the fitted widths.
         """
         known = [share for m in self.members if (share := m.shares(pairs)) is not None]
-        return np.mean(np.stack(known), axis=0, dtype=np.float32) if known else None
+        return np.stack(known).mean(axis=0, dtype=np.float32) if known else None

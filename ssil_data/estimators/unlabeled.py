@@ -17,6 +17,9 @@ SAMPLE_ROWS = 32_768
 SAMPLE_BYTES = 64 << 20
 """Bytes of states and actions in a sample at most, so that wide states fit in memory."""
 
+FARTHEST = 10.0
+"""Most that outliers may make of a deviation: one broken sensor must not hide a dimension."""
+
 STRETCH = 256
 """Neighboring pairs that are sampled together, since estimators look at neighbors."""
 
@@ -30,10 +33,17 @@ class UnlabeledSample:
     pairs
         The sample, in stretches of neighboring pairs; each stretch counts as an episode.
     state_deviation, action_deviation
-        Standard deviation of each state dimension (d,) and action dimension (k,) in the sample.
+        Standard deviation of each state dimension (d,) and action dimension (k,) in the sample; a
+        few outliers do not carry it beyond `FARTHEST` times what the middle half speaks for.
     scale_floor
         Least scale of a dimension for an estimator that standardizes by the labeled pairs, as a
         share of its deviation here; 0 for none.
+
+    Examples
+    --------
+    >>> unlabeled = sd.UnlabeledSample.of(dataset.pairs()[120:], scale_floor=0.3)
+    >>> bool((unlabeled.least_state_scale > 0).all())
+    True
     """
 
     pairs: Pairs
@@ -54,8 +64,8 @@ class UnlabeledSample:
         """
         return cls(
             pairs=pairs,
-            state_deviation=pairs.states.astype(np.float64).std(axis=0),
-            action_deviation=pairs.actions.astype(np.float64).std(axis=0),
+            state_deviation=_find_deviation(pairs.states),
+            action_deviation=_find_deviation(pairs.actions),
             scale_floor=scale_floor,
         )
 
@@ -133,6 +143,33 @@ def sample_unlabeled(
         states, actions, episode=np.cumsum(starts) - 1, step=np.arange(len(states)) - first
     )
     return UnlabeledSample.of(pairs, scale_floor=scale_floor)
+
+
+def clip_outliers(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return values without what a broken sensor writes: its mean and deviation are worth nothing.
+
+    Parameters
+    ----------
+    values
+        (n, d), at least one row.
+
+    Returns
+    -------
+    ndarray
+        The values, clipped at 100 interquartile ranges beyond the quartiles where there are any.
+    """
+    low, high = np.quantile(values.astype(np.float64), [0.25, 0.75], axis=0)
+    reach = np.where(high > low, 100 * (high - low), np.inf)
+    return np.clip(values, low - reach, high + reach).astype(np.float32)
+
+
+def _find_deviation(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the deviation of each column, bounded by its interquartile range where it has one."""
+    exact = values.astype(np.float64)
+    low, high = np.quantile(exact, [0.25, 0.75], axis=0)
+    normal = (high - low) / 1.349
+    bound = np.where(normal > 0, FARTHEST * normal, np.inf)
+    return np.minimum(exact.std(axis=0), bound)
 
 
 def _find_interval(count: int, batch: Pairs) -> int:

@@ -69,7 +69,7 @@ class FittedPooling(ABC):
         """
         values = np.asarray(uncertainty, dtype=np.float32)
         pooled = np.empty(len(values), np.float32)
-        for rows in _chunks(episode):
+        for rows in cut_chunks(episode):
             pooled[rows] = self._pool(values[rows], find_starts(episode[rows]))
         return pooled
 
@@ -93,8 +93,14 @@ def find_starts(episode: NDArray[np.int64]) -> NDArray[np.bool_]:
     return starts
 
 
-def _chunks(episode: NDArray[np.int64]) -> Iterator[slice]:
-    """Cut rows into slices of about `CHUNK` rows, at the beginnings of episodes."""
+def cut_chunks(episode: NDArray[np.int64]) -> Iterator[slice]:
+    """Cut rows into slices of about `CHUNK` rows, at the beginnings of episodes.
+
+    Parameters
+    ----------
+    episode
+        Number of each row's episode, (n,).
+    """
     bounds = [*np.flatnonzero(find_starts(episode)).tolist(), len(episode)]
     first = 0
     for bound in bounds:

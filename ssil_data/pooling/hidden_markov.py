@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
+from ssil_data.pooling.base import FittedPooling, Pooling, cut_chunks, find_starts
 from ssil_data.pooling.forward_backward import infer
 
 ROUNDS = 30
@@ -78,6 +78,8 @@ class HiddenMarkov(Pooling):
         """
         values = np.asarray(uncertainty, dtype=np.float32)
         starts = find_starts(episode)
+        chunks = list(cut_chunks(episode))
+        inside = max(1, np.count_nonzero(~starts))
         edges = np.quantile(values, np.linspace(0, 1, self.bins + 1)[1:-1]).astype(np.float32)
         bin_of = np.searchsorted(edges, values)
         least = np.quantile(values, self.start_share)
@@ -88,8 +90,13 @@ class HiddenMarkov(Pooling):
         for _ in range(ROUNDS):
             log_ratio = _estimate_log_ratio(bin_of, expert, self.bins)
             before = expert
-            expert, redrawn = infer(log_ratio[bin_of], starts, stay=stay, share=share)
-            stay = float(np.clip(1 - redrawn, LEAST_STAY, MOST_STAY))
+            expert = np.empty(len(values))
+            redrawn = 0.0
+            for rows in chunks:
+                evidence = log_ratio[bin_of[rows]]
+                expert[rows], drawn = infer(evidence, starts[rows], stay=stay, share=share)
+                redrawn += drawn * np.count_nonzero(~starts[rows])
+            stay = float(np.clip(1 - redrawn / inside, LEAST_STAY, MOST_STAY))
             share = float(np.clip(expert.mean(), 1e-4, 1 - 1e-4))
             if np.abs(expert - before).mean() < 1e-4:
                 break
@@ -157,7 +164,14 @@ class FittedHiddenMarkov(FittedPooling):
 def _estimate_log_ratio(
     bin_of: NDArray[np.int64], expert: NDArray[np.float64], bins: int
 ) -> NDArray[np.float64]:
-    """Estimate how much likelier each bin is for the expert; one prior pair a bin for either."""
+    """Estimate how much likelier each bin is for the expert; one prior pair a bin for either.
+
+    Never rises with uncertainty: a stranger pair speaks for the expert by chance alone, and a rare
+    expert is lost where a few do.
+    """
+    from scipy.optimize import isotonic_regression  # slow to import
+
     ours = np.bincount(bin_of, expert, bins) + 1
     others = np.bincount(bin_of, 1 - expert, bins) + 1
-    return np.log(ours / ours.sum()) - np.log(others / others.sum())
+    ratio = np.log(ours / ours.sum()) - np.log(others / others.sum())
+    return isotonic_regression(ratio, weights=ours + others, increasing=False).x

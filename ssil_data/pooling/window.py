@@ -13,6 +13,9 @@ from ssil_data.errors import InvalidInputError
 from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
+UNIT = float(1 << 40)
+"""Normal scores are summed as multiples of 1 / `UNIT`."""
+
 LEAST_CORRELATION = 0.1
 """Rank correlation of neighbors below which rows are in no order of time, and nothing is pooled."""
 
@@ -99,7 +102,8 @@ class FittedWindow(FittedPooling):
         """Validate the knots and keep them as a tuple."""
         knots = np.asarray(self.knots, dtype=np.float32)
         sound = knots.shape == (KNOTS,) and np.isfinite(knots).all() and (np.diff(knots) >= 0).all()
-        if not sound or self.half_width < 0:
+        whole = isinstance(self.half_width, int) and not isinstance(self.half_width, bool)
+        if not sound or not whole or self.half_width < 0:
             raise InvalidInputError(
                 f"window: expected {KNOTS} rising knots and a width of 0 or more"
             )
@@ -122,23 +126,28 @@ def average_window(
 ) -> NDArray[np.float64]:
     """Return the mean over the rows up to `half_width` before and after, inside each episode.
 
+    The sums are of whole numbers and so exact: a row gets the same bits whatever comes before its
+    window, in this batch or in another.
+
     Parameters
     ----------
     values
-        (n,).
+        (n,), normal scores: none beyond ±`FARTHEST`.
     starts
         Marks the first row of each episode, (n,).
     half_width
         Rows to either side, 0 or more.
     """
     count = len(values)
-    sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    whole = np.rint(values.astype(np.float64) * UNIT).astype(np.int64)
+    # the running sum may wrap around; differences of it do not mind
+    sums = np.concatenate([np.zeros(1, np.int64), np.cumsum(whole)])
     row = np.arange(count)
     bounds = np.append(np.flatnonzero(starts), count)
     number = np.cumsum(starts) - 1
     first = np.maximum(bounds[number], row - half_width)
     stop = np.minimum(bounds[number + 1], row + half_width + 1)
-    return (sums[stop] - sums[first]) / (stop - first)
+    return (sums[stop] - sums[first]) / (UNIT * (stop - first))
 
 
 def _correlate_neighbors(scores: NDArray[np.float32], starts: NDArray[np.bool_]) -> float:

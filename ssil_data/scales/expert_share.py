@@ -22,6 +22,8 @@ SHALLOWEST = 0.5
 """A valley is at most half as high as the lower of its two sides."""
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Quantiles of the held-out labeled pairs that the share is read at."""
+LOW_LEVELS = (0.1, 0.2, 0.3, 0.4)
+"""Further ones, which are less certain, that its lower bound is read at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,8 @@ class Density:
         width
             Deviation of the smoothing.
         """
-        bins = max(width / (self.centers[1] - self.centers[0]), 0.5)
+        # wider than all bins is as wide as all bins
+        bins = min(max(width / (self.centers[1] - self.centers[0]), 0.5), BINS)
         below = gaussian_filter1d(self.counts * (self.centers <= cut), bins)
         every = gaussian_filter1d(self.counts, bins)
         # without pairs nearby, the nearest side decides
@@ -156,7 +159,7 @@ def find_cuts(
                 at=float(np.quantile(values, share)),
                 share=share,
                 evidence=_weigh_rest(share),
-                low=share * np.exp(-1.64 * spread),
+                low=min(share * np.exp(-1.64 * spread), _bound_below(values, held_out, labels)),
                 high=min(1.0, share * np.exp(1.64 * spread)),
                 by_labels=True,
             )
@@ -218,6 +221,25 @@ def _read_share(values: NDArray[np.float64], held_out: NDArray[np.float64]) -> f
     least = 0.5 / len(values)
     ratios = np.maximum(below, least) / np.array(LEVELS)
     return float(min(1.0, np.exp(np.log(ratios).mean())))
+
+
+def _bound_below(
+    values: NDArray[np.float64], held_out: NDArray[np.float64], labels: float
+) -> float:
+    """Return the least share that the held-out labeled pairs speak for at any level.
+
+    Whoever else lies below a level is counted as an expert there, so that every level sees too
+    many; low levels see the fewest others, and the fewest labeled pairs.
+
+    Source
+    ------
+    Garg et al., Mixture Proportion Estimation and PU Learning, 2021.
+    """
+    levels = np.array(LOW_LEVELS + LEVELS)
+    below = np.searchsorted(values, np.quantile(held_out, levels), side="right") / len(values)
+    spread = np.minimum(1.2 / np.sqrt(labels * levels), 1.5)
+    ratios = np.maximum(below, 0.5 / len(values)) / levels
+    return float(np.min(ratios * np.exp(-1.64 * spread)))
 
 
 def _disagreement(share: float, by_labels: float, labels: float) -> float:

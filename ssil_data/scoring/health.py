@@ -11,9 +11,8 @@ from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import UnlabeledSample
 from ssil_data.features import Standardizer
 from ssil_data.scales import Chance, FittedScale
+from ssil_data.scoring.poor_labels import FEWEST_PAIRS, ONE_EPISODE, find_poor_labels
 
-FEWEST_PAIRS = 30
-"""Labeled pairs below which a run is weak."""
 LEAST_TOLD = 0.4
 """Least share of what perfect separation would tell held-out experts from the pool by."""
 LEAST_RANGE = 0.05
@@ -102,6 +101,7 @@ def examine(
         error = _measure_calibration(weights, held_out, chance.expert_share)
     reasons = [
         *([] if rescored else _find_few_labels(labeled, held_out, chance)),
+        *([] if unlabeled is None else find_poor_labels(labeled, unlabeled)),
         *_find_untold(auroc, chance),
         *_find_flat(leverage, chance),
         *_find_lone_dimension(labeled, unlabeled),
@@ -154,6 +154,8 @@ def _find_few_labels(
         reasons.append("no labeled pair could be held out, so nothing is known of unseen experts")
     if len(labeled) >= 2 and not np.ptp(labeled.states, axis=0).any():
         reasons.append("all labeled pairs have the same state")
+    if len(np.unique(labeled.episode)) == 1:
+        reasons.append(ONE_EPISODE)
     return reasons
 
 
@@ -175,7 +177,9 @@ def _find_flat(leverage: NDArray[np.float32], chance: Chance | None) -> list[str
         reasons.append(f"the estimated expert share, {chance.expert_share:.4f}, is at its bound")
     if not len(leverage):
         reasons.append("no pair is unlabeled, so there is nothing to compare with")
-    elif np.ptp(np.quantile(leverage, [0.01, 0.99])) < LEAST_RANGE:
+    elif len(leverage) < FEWEST_PAIRS:
+        reasons.append(f"{len(leverage)} unlabeled pairs: too few to compare the expert with")
+    if len(leverage) and np.ptp(np.quantile(leverage, [0.01, 0.99])) < LEAST_RANGE:
         middle = float(np.median(leverage))
         reasons.append(f"leverage hardly differs between unlabeled pairs (about {middle:.2f})")
     return reasons

@@ -26,6 +26,7 @@ from ssil_data.scales import Conformal, Scale
 from ssil_data.scoring.cross_fit import rank_labeled
 from ssil_data.scoring.health import Health, examine
 from ssil_data.scoring.laps import count_laps
+from ssil_data.scoring.poor_labels import ONE_EPISODE
 from ssil_data.scoring.recipes import Recipe, preset
 from ssil_data.scoring.self_training import choose_purest, collect_pairs, join_labeled
 from ssil_data.scoring.streaming import Streamed, stream
@@ -358,7 +359,7 @@ def _score_once(
 
 def _choose_purest(dataset: Dataset, made: _Made) -> NDArray[np.bool_] | None:
     """Choose the pairs that join the labeled ones, unless the run is weak."""
-    if made.health is None or made.health.weak:
+    if made.health is None or set(made.health.weak) - {ONE_EPISODE}:
         return None
     return choose_purest(made.leverage, dataset.per_pair("labeled").astype(bool))
 

@@ -104,6 +104,12 @@ class Run:
     held_out_auroc: float | None = None
     weak: Sequence[str] = ()
 
+    def __post_init__(self) -> None:
+        """Keep what a run says of itself as tuples, so that a record that was read is the same."""
+        object.__setattr__(self, "weak", tuple(self.weak))
+        if self.expert_share_interval is not None:
+            object.__setattr__(self, "expert_share_interval", tuple(self.expert_share_interval))
+
     def to_json(self) -> dict[str, Any]:
         """Return the record as it is stored and served: its name under the key `run`."""
         values = asdict(self)

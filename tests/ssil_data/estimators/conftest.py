@@ -5,10 +5,37 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ssil_data.demonstrations import Pairs
-from ssil_data.estimators import ESTIMATORS, GPR, MDN, Estimator, Fitted
+from ssil_data.demonstrations import Pairs, join_pairs
+from ssil_data.estimators import (
+    GPR,
+    MDN,
+    VAE,
+    Contrast,
+    Ensemble,
+    Estimator,
+    Fitted,
+    UnlabeledSample,
+    WindowVAE,
+)
 
-EVERY = [*(each() for each in ESTIMATORS.values()), MDN(surprisal=True), GPR(surprisal=True)]
+FEW_STEPS = (
+    GPR(learn_on=100, inducing=64, steps=2, surprisal=True),
+    MDN(steps=100, surprisal=True),
+    WindowVAE(steps=200),
+    Contrast(expert_share=0.5, steps=60),
+)
+"""The members of the default ensemble, learned for a shorter time."""
+
+EVERY = [
+    VAE(),
+    WindowVAE(),
+    MDN(),
+    GPR(),
+    Contrast(expert_share=0.5, steps=120),
+    Ensemble(FEW_STEPS),
+    MDN(surprisal=True),
+    GPR(surprisal=True),
+]
 """All estimators, with every option that changes what they judge."""
 
 
@@ -49,6 +76,14 @@ def random() -> Pairs:
     return steered(2, noise=3.0)
 
 
+@pytest.fixture(scope="session")
+def unlabeled() -> UnlabeledSample:
+    """Pairs of both, which no estimator is told the quality of; another pool than is judged."""
+    ours, others = steered(3, noise=0.05), steered(4, noise=3.0)
+    others = Pairs(others.states, others.actions, others.episode + 10, others.step)
+    return UnlabeledSample.of(join_pairs([ours, others]))
+
+
 NAMES = [
     f"{each.kind} with surprisal" if getattr(each, "surprisal", False) else each.kind
     for each in EVERY
@@ -62,13 +97,13 @@ def estimator(request: pytest.FixtureRequest) -> Estimator:
 
 
 @pytest.fixture(scope="session")
-def fit(expert: Pairs) -> Callable[[Estimator], Fitted]:
+def fit(expert: Pairs, unlabeled: UnlabeledSample) -> Callable[[Estimator], Fitted]:
     """Fit to the expert with seed 0, once per settings and session."""
     known: dict[Estimator, Fitted] = {}
 
     def fit_once(estimator: Estimator) -> Fitted:
         if estimator not in known:
-            known[estimator] = estimator.fit(expert, seed=0)
+            known[estimator] = estimator.fit(expert, seed=0, unlabeled=unlabeled)
         return known[estimator]
 
     return fit_once

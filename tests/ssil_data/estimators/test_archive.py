@@ -17,6 +17,8 @@ from ssil_data.estimators import (
     GPR,
     MDN,
     VAE,
+    Contrast,
+    Ensemble,
     Estimator,
     Fitted,
     WindowVAE,
@@ -32,7 +34,8 @@ def test_settings_survive_json(estimator: Estimator):
 
 
 def test_kinds_are_the_names_of_the_estimators():
-    assert {"vae": VAE, "windowvae": WindowVAE, "mdn": MDN, "gpr": GPR} == ESTIMATORS
+    of_the_paper = {"vae": VAE, "windowvae": WindowVAE, "mdn": MDN, "gpr": GPR}
+    assert {**of_the_paper, "contrast": Contrast, "ensemble": Ensemble} == ESTIMATORS
 
 
 def test_absent_settings_take_their_defaults():

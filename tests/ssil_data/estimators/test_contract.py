@@ -11,7 +11,8 @@ from sklearn.metrics import roc_auc_score
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import Estimator, Fitted, dump, load
+from ssil_data.estimators import Estimator, Fitted, UnlabeledSample, dump, load
+from ssil_data.store.arrow_schema import PARTS
 
 
 def assert_same(one: Fitted, other: Fitted, pairs: Pairs) -> None:
@@ -24,26 +25,36 @@ def assert_same(one: Fitted, other: Fitted, pairs: Pairs) -> None:
 
 
 def test_same_seed_same_bytes(
-    estimator: Estimator, fitted: Fitted, expert: Pairs, other_expert: Pairs
+    estimator: Estimator,
+    fitted: Fitted,
+    expert: Pairs,
+    other_expert: Pairs,
+    unlabeled: UnlabeledSample,
 ):
     torch.rand(3)
-    again = estimator.fit(expert, seed=0)
+    again = estimator.fit(expert, seed=0, unlabeled=unlabeled)
     assert dump(again) == dump(fitted)
     assert_same(again, fitted, other_expert)
 
 
-def test_fitting_leaves_torch_as_it_was(estimator: Estimator, expert: Pairs):
+def test_fitting_leaves_torch_as_it_was(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+):
     state, threads = torch.get_rng_state(), torch.get_num_threads()
-    estimator.fit(expert[:50], seed=3)
+    estimator.fit(expert[:50], seed=3, unlabeled=unlabeled)
     assert torch.equal(torch.get_rng_state(), state)
     assert torch.get_num_threads() == threads
 
 
-def test_fits_in_several_threads_do_not_disturb_each_other(estimator: Estimator, expert: Pairs):
+def test_fits_in_several_threads_do_not_disturb_each_other(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+):
     few = expert[:60]
-    alone = dump(estimator.fit(few, seed=0))
+    alone = dump(estimator.fit(few, seed=0, unlabeled=unlabeled))
     with ThreadPoolExecutor() as threads:
-        fits = [threads.submit(estimator.fit, few, seed=seed) for seed in (0, 1, 0)]
+        fits = [
+            threads.submit(estimator.fit, few, seed=seed, unlabeled=unlabeled) for seed in (0, 1, 0)
+        ]
         first, _, third = (dump(fit.result()) for fit in fits)
     assert first == third == alone
 
@@ -71,7 +82,7 @@ def test_rows_in_are_rows_out(fitted: Fitted, random: Pairs, count: int):
         assert values.shape == (count,) and values.dtype == np.float32
         assert np.isfinite(values).all()
     assert shares is None or shares.shape == random[:count].states.shape
-    assert set(uncertainty.parts) <= {"aleatoric", "epistemic"}
+    assert set(uncertainty.parts) <= set(PARTS)
 
 
 def test_the_input_is_untouched(fitted: Fitted, random: Pairs):
@@ -108,37 +119,49 @@ def test_another_width_is_refused_naming_both_sides(fitted: Fitted, random: Pair
         fitted.uncertainty(narrow)
 
 
-def test_nan_is_refused(estimator: Estimator, expert: Pairs):
+def test_nan_is_refused(estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample):
     states = expert.states.copy()
     states[3, 2] = np.nan
     with pytest.raises(InvalidInputError, match="row 3, column 2"):
-        estimator.fit(Pairs(states, expert.actions, expert.episode, expert.step), seed=0)
+        estimator.fit(
+            Pairs(states, expert.actions, expert.episode, expert.step), seed=0, unlabeled=unlabeled
+        )
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_fewer_than_two_labeled_pairs_are_refused(estimator: Estimator, expert: Pairs, count: int):
+def test_fewer_than_two_labeled_pairs_are_refused(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
+):
     with pytest.raises(InvalidInputError, match=f"at least 2 pairs, found {count}"):
-        estimator.fit(expert[:count], seed=0)
+        estimator.fit(expert[:count], seed=0, unlabeled=unlabeled)
 
 
 @pytest.mark.parametrize("seed", [-1, 2**63])
-def test_a_number_that_is_no_seed_is_refused(estimator: Estimator, expert: Pairs, seed: int):
+def test_a_number_that_is_no_seed_is_refused(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample, seed: int
+):
     with pytest.raises(InvalidInputError, match=f"seed: expected .* found {seed}"):
-        estimator.fit(expert, seed=seed)
+        estimator.fit(expert, seed=seed, unlabeled=unlabeled)
 
 
 @pytest.mark.parametrize("count", [2, 5])
-def test_very_few_labeled_pairs_are_enough(estimator: Estimator, expert: Pairs, count: int):
-    fitted = estimator.fit(expert[:count], seed=0)
+def test_very_few_labeled_pairs_are_enough(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
+):
+    fitted = estimator.fit(expert[:count], seed=0, unlabeled=unlabeled)
     assert np.isfinite(fitted.uncertainty(expert).total).all()
 
 
-def test_constant_dimensions_are_no_obstacle(estimator: Estimator, expert: Pairs):
+def test_constant_dimensions_are_no_obstacle(
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+):
     few = expert[:90]
     states, actions = few.states.copy(), few.actions.copy()
     states[:, 0], actions[:, 0] = 3.0, 0.0
     pairs = Pairs(states, actions, few.episode, few.step)
-    assert np.isfinite(estimator.fit(pairs, seed=0).uncertainty(pairs).total).all()
+    assert np.isfinite(
+        estimator.fit(pairs, seed=0, unlabeled=unlabeled).uncertainty(pairs).total
+    ).all()
 
 
 def test_settings_and_scoring_do_not_wait_for_torch():

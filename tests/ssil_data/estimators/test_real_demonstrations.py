@@ -1,6 +1,7 @@
 """Real demonstrations by others, with a known quality: what the defaults must be worth."""
 
 import csv
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 from scipy.stats import rankdata
 from sklearn.metrics import roc_auc_score
 
-from ssil_data.demonstrations import Pairs
+import ssil_data as sd
+from ssil_data.demonstrations import Episode, Pairs
 from ssil_data.estimators import GPR, MDN, VAE, Estimator
 from ssil_data.scales import MinMax, Quantile
 
@@ -68,3 +70,56 @@ def test_leverage_separates_expert_rows_of_half_cheetah(
     uncertainty = estimator.fit(labeled, seed=0).uncertainty(pool).total
     leverage = MinMax().fit(uncertainty)(uncertainty)
     assert roc_auc_score(is_expert, leverage) >= at_least
+
+
+def read_levels(folder: Path) -> tuple[list[Episode], np.ndarray]:
+    """Return all episodes of a learner's checkpoints and its expert, 100 pairs labeled by seed 400.
+
+    The labeled pairs are a stretch of one of the expert's episodes (ril_co).
+    """
+    rng = np.random.default_rng(400)
+    episodes, of_expert = [], []
+    chosen = int(rng.integers(10))
+    for path in sorted(folder.iterdir()):
+        with h5py.File(path) as file:
+            states, actions, goes_on = (
+                file[key][:] for key in ("obs_array", "act_array", "mask_array")
+            )
+        bounds = [0, *(np.flatnonzero(goes_on.ravel() == 0) + 1).tolist()]
+        for number, (first, stop) in enumerate(itertools.pairwise(bounds)):
+            is_expert = "1.0" in path.name
+            cuts = [first, stop]
+            if is_expert and number == chosen:
+                begin = first + int(rng.integers(stop - first - 100))
+                cuts = [first, begin, begin + 100, stop]
+            for part, (low, high) in enumerate(itertools.pairwise(cuts)):
+                labeled = len(cuts) > 2 and part == 1
+                rows = slice(low, high)
+                episodes.append(
+                    Episode(
+                        states[rows].astype(np.float32),
+                        actions[rows].astype(np.float32),
+                        labeled=labeled,
+                    )
+                )
+                of_expert.append(np.full(high - low, is_expert))
+    return episodes, np.concatenate(of_expert)
+
+
+def test_the_default_recipe_tells_the_expert_of_half_cheetah_by_100_labels(
+    shared_data: Path, tmp_path: Path
+):
+    """AUROC of leverage 1.0 at seed 400; the share of experts is .198, estimated .2 or so."""
+    episodes, of_expert = read_levels(shared_data / "ril_co" / "HalfCheetah")
+    dataset = sd.Store(tmp_path).create(
+        "cheetah",
+        episodes,
+        state_names=[f"s{i}" for i in range(episodes[0].states.shape[1])],
+        action_names=[f"a{i}" for i in range(episodes[0].actions.shape[1])],
+    )
+    run = sd.score(dataset, seed=400)
+    unlabeled = ~dataset.per_pair("labeled").astype(bool)
+    assert np.count_nonzero(~unlabeled) == 100
+    leverage = dataset.leverage(run.name)[unlabeled]
+    assert roc_auc_score(of_expert[unlabeled], leverage) >= 0.99
+    assert run.expert_share == pytest.approx(of_expert[unlabeled].mean(), rel=0.25)

@@ -15,6 +15,7 @@ import pytest
 
 from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
 from ssil_data.store import Store
+from ssil_data.store.arrow_schema import fill_columns
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.delta_table import VersionedTable
 from ssil_data.store.folder import Folder
@@ -64,7 +65,7 @@ def values(dataset: Dataset, level: float = 0.5) -> pa.Table:
     pairs = dataset.pairs()
     column = pa.array(np.full(len(pairs), level, np.float32))
     parts = pa.nulls(len(pairs), pa.float32())
-    return pa.table(
+    written = pa.table(
         {
             "episode": pairs.episode,
             "step": pairs.step,
@@ -74,6 +75,7 @@ def values(dataset: Dataset, level: float = 0.5) -> pa.Table:
             "leverage": column,
         }
     )
+    return fill_columns(written)
 
 
 def write(dataset: Dataset, name: str, level: float = 0.5) -> None:

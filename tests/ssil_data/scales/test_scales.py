@@ -103,7 +103,7 @@ def test_conformal_without_held_out_pairs_is_refused():
 @every_scale
 @pytest.mark.parametrize("pool", [[], [np.nan], [1.0, np.inf], [[1.0]]])
 def test_a_pool_of_nothing_or_not_finite_is_refused(kind: str, pool: list):
-    with pytest.raises(InvalidInputError, match="uncertainty: expected one finite number"):
+    with pytest.raises(InvalidInputError, match=r"expected one finite number|needs unlabeled"):
         fitted(kind, np.array(pool))
 
 
