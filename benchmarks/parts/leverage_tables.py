@@ -124,7 +124,7 @@ def rc_clones(lines: list[Line]) -> list[str]:
         if found:
             first = [scores["hall"] for scores in found]
             unseen = [
-                np.mean([score for track, score in scores.items() if track != "hall"])
+                float(np.mean([score for track, score in scores.items() if track != "hall"]))
                 for scores in found
             ]
             rows.append([title, _cell(first), _cell(unseen), str(len(found))])

@@ -18,8 +18,8 @@ BANDWIDTH = 0.6
 """Times Silverman's rule, which is for one group and blurs two."""
 DEEPEST = 0.02
 """Depths below this are all the same evidence."""
-SHALLOWEST = 0.5
-"""A valley is at most half as high as the lower of its two sides."""
+SHALLOWEST = 0.6
+"""A valley is at most so high, the lower of its two sides being 1."""
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Quantiles of the held-out labeled pairs that the share is read at."""
 LOW_LEVELS = (0.1, 0.2, 0.3, 0.4)
@@ -158,7 +158,7 @@ def find_cuts(
             Cut(
                 at=float(np.quantile(values, share)),
                 share=share,
-                evidence=_weigh_rest(share),
+                evidence=_weigh_share(share) - min(0.7 / labels, 2.0),
                 low=min(share * np.exp(-1.64 * spread), _bound_below(values, held_out, labels)),
                 high=min(1.0, share * np.exp(1.64 * spread)),
                 by_labels=True,
@@ -166,7 +166,7 @@ def find_cuts(
         )
     for at, depth in _find_valleys(density, independent):
         below = _share_below(values, at)
-        evidence = _weigh_rest(below) - np.log(max(depth, DEEPEST))
+        evidence = _weigh_share(below) - np.log(max(depth, DEEPEST))
         if share is not None:
             evidence -= _disagreement(below, share, labels)
         cuts.append(
@@ -243,15 +243,16 @@ def _bound_below(
 
 
 def _disagreement(share: float, by_labels: float, labels: float) -> float:
-    """Return half the squared difference of log shares, in deviations.
+    """Return what the difference of log shares speaks against, with the tails of a Cauchy.
 
-    Labels of one drive are more alike than experts are, so they rather see too few of them.
+    Labels of one drive are more alike than experts are, so they rather see too few of them, and
+    sometimes by far.
     """
     offset = np.log(share / by_labels)
     spread = 1.5 / labels**0.75 if offset > 0 else 1.2 / np.sqrt(labels)
-    return float(offset**2 / (2 * max(spread, 0.1) ** 2))
+    return float(np.log1p(offset**2 / (2 * max(spread, 0.1) ** 2)))
 
 
-def _weigh_rest(share: float) -> float:
-    """Return the prior of a share: hardly anybody keeps a pile of experts with a few strays."""
-    return float(2 * np.log(max(1 - share, 1e-3)))
+def _weigh_share(share: float) -> float:
+    """Return the prior of a share: hardly a pile of experts with a few strays, nor all others."""
+    return float(2 * np.log(max(1 - share, 1e-3)) + 0.3 * np.log(share + 0.005))

@@ -13,6 +13,12 @@ from ssil_data.errors import InvalidInputError
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
 
 
+TILT_OF_EXPERTS = 0.02
+"""Sure experts differ by at most this, which is far below what a chance is known to."""
+TILT_OF_OTHERS = 1e-4
+"""Sure others differ by at most this: they may be many, and all together must weigh nothing."""
+
+
 @dataclass(frozen=True)
 class Posterior(Scale):
     """Chance that a pair is the expert's, given how uncertain it is: of pairs at .8, four in five.
@@ -110,6 +116,7 @@ class Posterior(Scale):
         if held_out is not None and (self.expert_share is not None or cuts[0].by_labels):
             width = max(width, 0.5 * float(held_out.std()))
         chance = density.chance_below(cut, width)
+        chance = _tilt(chance, np.searchsorted(values, density.centers) / len(values))
         share = float(np.interp(values, density.centers, chance).mean())
         low = min(interval[0], share)
         high = max(interval[1], share)
@@ -179,6 +186,12 @@ class Chance(FittedScale):
         """
         r = check_numbers(uncertainty)
         return np.interp(r, self.uncertainty, self.chance).astype(np.float32)
+
+
+def _tilt(chance: NDArray[np.float64], rank: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Let chances that are flat fall a little, so that ranks among sure pairs are not lost."""
+    tilted = (1 - TILT_OF_OTHERS) * chance * (1 - TILT_OF_EXPERTS * rank)
+    return tilted + TILT_OF_OTHERS * (1 - rank)
 
 
 def _same_for_all(value: float, share: float | None) -> Chance:

@@ -45,7 +45,7 @@ class Health:
         labeled pairs speak for, over ten bins; smaller is better. None without them.
     held_out_auroc
         Chance that a labeled pair that was held out has more leverage than an unlabeled one; with a
-        share π of experts among these, 1 − π / 2 is perfect and .5 chance.
+        share π of experts among these, it is about 1 − π / 2 at best; .5 is chance.
     weak
         Reasons not to trust the run; none if there is nothing against it.
     """

@@ -52,7 +52,8 @@ class Recipe:
     Raises
     ------
     InvalidInputError
-        For a scale floor that is negative or not finite.
+        For a scale floor that is negative or not finite, or self-training without the posterior
+        scale.
 
     Examples
     --------
@@ -79,6 +80,11 @@ class Recipe:
         if not 0 <= number < math.inf:
             raise InvalidInputError(f"scale_floor: expected 0 or more, found {number}")
         object.__setattr__(self, "scale_floor", float(number))
+        if self.self_training and not isinstance(self.scale, Posterior):
+            raise InvalidInputError(
+                "self_training: needs leverage that is a chance, so the posterior scale; the scale "
+                f"is {self.scale.kind}"
+            )
 
     @property
     def needs_sample(self) -> bool:
