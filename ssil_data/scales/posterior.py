@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ssil_data.errors import InvalidInputError
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
 
-
 TILT_OF_EXPERTS = 0.02
 """Sure experts differ by at most this, which is far below what a chance is known to."""
 TILT_OF_OTHERS = 1e-4

@@ -58,4 +58,4 @@ class LogOddsModel:
         """Return leverage of these log-odds."""
         self.asked.append(pairs)
         leverage = (1 / (1 + np.exp(-self.log_odds(pairs)))).astype(np.float32)
-        return Scored(1 - leverage, {}, leverage)
+        return Scored(1 - leverage, {}, leverage, pooled=1 - leverage)

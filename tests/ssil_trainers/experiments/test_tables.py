@@ -71,6 +71,7 @@ def test_coverage_is_table_i_with_the_papers_shares_of_a_lap() -> None:
     positions = demonstrations.read_recorded("position")
     laps = count_laps(positions, demonstrations.pairs().episode, labeled)
     assert laps == pytest.approx(6.32, abs=0.1)
+    assert laps is not None
     pairs_of_a_lap = 1_200 / laps
     for here, there in zip(COVERAGE.labels, RACETRACK.labels, strict=True):
         assert here / pairs_of_a_lap == pytest.approx(there / 2_400, abs=0.01)
