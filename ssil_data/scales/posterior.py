@@ -115,8 +115,10 @@ class Posterior(Scale):
         if held_out is not None and (self.expert_share is not None or cuts[0].by_labels):
             width = max(width, 0.5 * float(held_out.std()))
         chance = density.chance_below(cut, width)
+        share = self.expert_share
+        if share is None:
+            share = float(np.interp(values, density.centers, chance).mean())
         chance = _tilt(chance, np.searchsorted(values, density.centers) / len(values))
-        share = float(np.interp(values, density.centers, chance).mean())
         low = min(interval[0], share)
         high = max(interval[1], share)
         return Chance(

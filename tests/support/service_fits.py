@@ -119,6 +119,10 @@ def _fit_body(body, *, infers):
         ends = [scale.get("low", 0.05), scale.get("high", 0.95)]
         if all(map(_is_number, ends)) and min(ends) >= 0 and max(ends) <= 1:
             body["scale"] = {**scale, "low": min(ends) / 2, "high": 0.6 + max(ends) / 3}
+    # self-training goes with the posterior scale alone, which an estimator does not bring along
+    given = scale.get("kind") if isinstance(scale, dict) else None
+    if body.get("self_training") is True and given != "posterior":
+        body["self_training"] = given is None and "scale" not in body and "estimator" not in body
     if isinstance(body.get("estimator"), dict):
         body["estimator"] = _with_different_members(body["estimator"])
     if isinstance(body.get("labels"), int):

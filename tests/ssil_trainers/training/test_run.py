@@ -54,7 +54,7 @@ def train_toy(
     """Train in the toy environment, whose expert's return is taken for -2."""
     return train(
         method,
-        TrainingData(demonstrations(), -2.0, {"run": run}),
+        TrainingData(demonstrations(), -2.0, identity={"run": run}),
         LineEnv,
         settings=replace(SETTINGS, **settings),
         folder=folder,
