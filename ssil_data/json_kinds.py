@@ -2,13 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any, TypeVar
+import math
+import reprlib
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, asdict, fields
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ssil_data.errors import InvalidInputError
 
 _Kind = TypeVar("_Kind")
+
+
+class _Short(reprlib.Repr):
+    def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to write out more than 4,300 digits
+        return repr(x) if x.bit_length() <= 64 else f"a whole number of {x.bit_length():,} bits"
+
+
+_SHORT = _Short()
+_SHORT.maxother = 80
+_SHORT.maxstring = 80
+
+
+def show_short(value: object) -> str:
+    """Return what a message shows of a value that may be huge or deep.
+
+    Parameters
+    ----------
+    value
+        Any.
+    """
+    return _SHORT.repr(value)
 
 
 def dump(value: Any) -> dict[str, Any]:
@@ -26,28 +53,117 @@ def dump(value: Any) -> dict[str, Any]:
     return {"kind": value.kind, **values}
 
 
-def build(name: str, kinds: Mapping[str, type[_Kind]], json: Mapping[str, Any]) -> _Kind:
-    """Build what a JSON object with its `kind` describes.
+def shorten(values: NDArray[np.float32]) -> tuple[float, ...]:
+    """Return float32 numbers as the shortest decimals that are read back as the same float32.
+
+    Parameters
+    ----------
+    values
+        Finite numbers, (n,).
+
+    Examples
+    --------
+    >>> from ssil_data.json_kinds import shorten
+    >>> shorten(np.array([0.1, 2.5], np.float32)), float(np.float32(0.1))
+    ((0.1, 2.5), 0.10000000149011612)
+    """
+    short = np.array([float(str(value)) for value in values])
+    same = short.astype(np.float32) == values
+    return tuple(np.where(same, short, values.astype(np.float64)).tolist())
+
+
+def make_reader(
+    name: str, kinds: Mapping[str, type[_Kind]]
+) -> Callable[[Mapping[str, Any]], _Kind]:
+    """Return the function that undoes `dump` for dataclasses of several kinds.
+
+    It raises InvalidInputError for what is no JSON object, an unknown kind or key, a key that is
+    missing, and values that do not fit.
 
     Parameters
     ----------
     name
-        What messages call it.
+        What messages call such a value.
     kinds
-        The types by their kinds.
+        Dataclasses by their kinds; their fields are numbers and sequences of numbers.
+    """
+
+    def read(json: Mapping[str, Any]) -> _Kind:
+        kind, values = split_kind(name, kinds, json)
+        chosen: Any = kinds[kind]
+        hints = get_type_hints(chosen)
+        for field in fields(chosen):
+            label = f"{kind}: {field.name}"
+            if field.name in values:
+                _check_value(label, values[field.name], hints[field.name])
+            elif field.default is MISSING:
+                raise InvalidInputError(f"{label}: missing in the {name}")
+        return chosen(**values)
+
+    return read
+
+
+def split_kind(
+    name: str, kinds: Mapping[str, type], json: Mapping[str, Any]
+) -> tuple[str, dict[str, Any]]:
+    """Return the kind that a JSON object names, and its other keys.
+
+    Parameters
+    ----------
+    name
+        What messages call the object.
+    kinds
+        Dataclasses by their kinds.
     json
         The object.
 
     Raises
     ------
     InvalidInputError
-        For an unknown kind, or values that do not fit.
+        For what is no JSON object, an unknown kind, or a key that is no field of the kind.
     """
+    if not isinstance(json, Mapping):
+        raise InvalidInputError(
+            f"{name}: expected a JSON object with its kind, one of {sorted(kinds)}, "
+            f"found {show_short(json)}"
+        )
     values = dict(json)
     kind = values.pop("kind", None)
-    if kind not in tuple(kinds):
-        raise InvalidInputError(f"{name}: expected a kind of {sorted(kinds)}, found {kind!r}")
+    if not isinstance(kind, str) or kind not in kinds:
+        raise InvalidInputError(
+            f"{name}: kind: expected one of {sorted(kinds)}, found {show_short(kind)}"
+        )
+    known = {field.name for field in fields(kinds[kind])}
+    unknown = [key for key in values if key not in known]
+    if unknown:
+        raise InvalidInputError(
+            f"{kind}: expected keys of {sorted(known)}, found {show_short(unknown)}"
+        )
+    return kind, values
+
+
+def _check_value(name: str, value: Any, declared: Any) -> None:
+    """Raise InvalidInputError unless a value is a number, or a list of numbers, as declared."""
+    if value is None and declared == float | None:
+        return
+    if declared is int:
+        expected = "a whole number below 2^63"
+        fits = isinstance(value, int) and not isinstance(value, bool) and value.bit_length() < 64
+    elif declared in (float, float | None):
+        expected = "a finite number"
+        fits = _is_finite(value)
+    else:
+        expected = "a list of finite numbers"
+        fits = isinstance(value, list | tuple) and all(map(_is_finite, value))
+    if not fits:
+        raise InvalidInputError(f"{name}: expected {expected}, found {show_short(value)}")
+
+
+def _is_finite(value: Any) -> bool:
+    """Tell whether a value is a number that is finite as float64."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
     try:
-        return kinds[kind](**values)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{name} {kind!r}: {error}") from None
+        return math.isfinite(value)
+    except OverflowError:
+        return False

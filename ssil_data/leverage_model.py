@@ -103,7 +103,7 @@ class LeverageModel:
         Raises
         ------
         InvalidInputError
-            For states or actions of another width.
+            For what is no pairs, or states or actions of another width.
         """
         uncertainty = self.estimator.uncertainty(pairs)
         pooled = self.pooling(uncertainty.total, pairs.episode)

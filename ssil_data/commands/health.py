@@ -87,6 +87,8 @@ def _describe_weights(run: Run) -> list[str]:
 
 def _describe_held_out(run: Run) -> list[str]:
     lines = []
+    if run.held_out_auroc is None and not run.cross_fit:
+        lines.append("Unchecked: no labeled pairs were held out; the preset default holds them out")
     if run.held_out_auroc is not None:
         line = f"Held-out experts against the unlabeled pairs: AUROC {run.held_out_auroc:.3f}"
         if run.expert_share is not None:

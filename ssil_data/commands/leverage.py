@@ -18,7 +18,6 @@ from ssil_data.commands.output import (
     progress,
 )
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import Ensemble
 from ssil_data.report import write_report
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.scoring import rescore
@@ -68,8 +67,8 @@ def score(
         vae and windowvae judge states, mdn and gpr the actions expected in them, contrast tells
         labeled from unlabeled pairs, ensemble is several of them. [default: ensemble]
     preset:
-        `paper` has the paper's choices for one of its estimators, `default` those that measured
-        best. [default: default]
+        `default` has what measured best; `paper` the paper's choices, and needs --estimator vae,
+        windowvae, mdn or gpr. [default: default]
     pool:
         How uncertainty is pooled over neighboring steps, instead of the preset's choice: window
         where a drive is good or bad as a whole, hmm where that changes inside an episode.
@@ -119,7 +118,7 @@ def score(
             other = location.open()[source] if source else dataset
             record = rescore(dataset, other, source_run, run=run, progress=report)
         else:
-            recipe = recipe_of(preset or "default", estimator or Ensemble.kind).with_options(
+            recipe = recipe_of(preset or "default", estimator).with_options(
                 scale=scale,
                 surprisal=surprisal,
                 pooling=pool,

@@ -17,6 +17,9 @@ from ssil_data.quality import measure_quality
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
 
+UNCHECKED = "unchecked"
+"""What stands for the held-out AUROC of a run that judged no labeled pairs which it held out."""
+
 
 def show(
     name: str,
@@ -29,8 +32,9 @@ def show(
 
     Every run has the share of the expert's that it expects among the unlabeled pairs, with its
     90 % interval; how many unlabeled pairs its weights are worth; how much of the weight it
-    expects on experts; what labeled pairs that were held out say of its calibration and ranking;
-    and reasons not to trust it, if there are any.
+    expects on experts; what labeled pairs that were held out say of its calibration and ranking
+    ("unchecked": none were held out, as with the preset paper); and reasons not to trust it, if
+    there are any.
 
     Mean leverage by tier, AUROC, rank correlation and the columns "true" need true quality
     (`--score`, `--tier` at import). Higher AUROC and Spearman are better; .5 and 0 are chance.
@@ -117,17 +121,18 @@ def _list_chances(row: dict[str, Any]) -> dict[str, Any]:
     """Return what a run says of its leverage as a chance, beside the truth."""
     interval = row["expert_share_interval"]
     effective = row["effective_pairs"]
+    auroc = row["held_out_auroc"]
     return {
         "run": row["run"],
         "expert\nshare": row["expert_share"],
-        "90 %\ninterval": None if interval is None else f"{interval[0]:.2f}–{interval[1]:.2f}",
+        "90 %\ninterval": None if interval is None else f"{interval[0]:.3f}–{interval[1]:.3f}",
         "true\nshare": row["true_expert_share"],
-        "effective\npairs": None if effective is None else round(effective),
-        "weight\non\nexperts": row["weight_on_experts"],
+        "effec-\ntive\npairs": None if effective is None else round(effective),
+        "weight\non ex-\nperts": row["weight_on_experts"],
         "true\nweight": row["true_weight_on_experts"],
-        "cali-\nbration\nerror": row["calibration_error"],
+        "cali-\nbra-\ntion\nerror": row["calibration_error"],
         "true\nerror": row["true_calibration_error"],
-        "held-\nout\nAUROC": row["held_out_auroc"],
+        "held-\nout\nAUROC": UNCHECKED if auroc is None else auroc,
     }
 
 

@@ -24,6 +24,7 @@ from ssil_data.estimators.ensemble import Ensemble, FittedEnsemble
 from ssil_data.estimators.gpr import GPR, FittedGPR
 from ssil_data.estimators.mdn import MDN, FittedMDN
 from ssil_data.estimators.vae import VAE, FittedAutoencoder, WindowVAE
+from ssil_data.json_kinds import show_short, split_kind
 
 ESTIMATORS: dict[str, type[Estimator]] = {
     each.kind: each for each in (VAE, WindowVAE, MDN, GPR, Contrast, Ensemble)
@@ -80,13 +81,7 @@ def from_json(settings: Mapping[str, Any]) -> Estimator:
     InvalidInputError
         For an unknown kind or key, or a value that does not fit.
     """
-    values = dict(settings)
-    kind = values.pop("kind", None)
-    if kind not in tuple(ESTIMATORS):
-        raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
-    known = {field.name for field in fields(ESTIMATORS[kind])}
-    if unknown := sorted(set(values) - known):
-        raise InvalidInputError(f"{kind}: expected keys of {sorted(known)}, found {unknown}")
+    kind, values = split_kind("estimator", ESTIMATORS, settings)
     if kind == Ensemble.kind:
         values["members"] = _read_members(values.get("members", ()))
     return ESTIMATORS[kind](**values)
@@ -99,7 +94,7 @@ def _read_members(members: Any) -> tuple[Estimator, ...]:
     ):
         raise InvalidInputError(
             "ensemble: members: expected a list of estimators' settings, none of them an ensemble, "
-            f"found {members!r}"
+            f"found {show_short(members)}"
         )
     return tuple(from_json(member) for member in members)
 

@@ -5,7 +5,7 @@ Uncertainty is larger for pairs less like the labeled ones; scales turn it into 
 
 from __future__ import annotations
 
-import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators.unlabeled import UnlabeledSample
+from ssil_data.json_kinds import show_short
 
 BLOCK = 512
 """Rows computed at once, so that their intermediate results stay in the processor's cache."""
+
+MOST_WHOLE = 10**9
+"""Largest whole number among settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +128,7 @@ class Fitted(ABC):
         Raises
         ------
         InvalidInputError
-            For states or actions of another width.
+            For what is no pairs, or states or actions of another width.
         """
         self.check_widths(pairs)
         return self._uncertainty(pairs)
@@ -148,18 +152,19 @@ class Fitted(ABC):
         Raises
         ------
         InvalidInputError
-            For states or actions of another width.
+            For what is no pairs, or states or actions of another width.
         """
         return None
 
     def check_widths(self, pairs: Pairs) -> None:
-        """Raise InvalidInputError, naming both sides, if the pairs are not as wide as fitted.
+        """Raise InvalidInputError for what is no pairs, or pairs that are not as wide as fitted.
 
         Parameters
         ----------
         pairs
             Those to be judged.
         """
+        check_pairs("pairs", pairs)
         check_equal("state width", pairs.states.shape[1], self.state_width)
         check_equal("action width", pairs.actions.shape[1], self.action_width)
 
@@ -178,6 +183,24 @@ def check_equal(name: str, found: object, expected: object) -> None:
         raise InvalidInputError(f"{name}: expected {expected}, found {found}")
 
 
+def check_pairs(name: str, value: object) -> None:
+    """Raise InvalidInputError, saying how pairs are made, for anything but pairs.
+
+    Parameters
+    ----------
+    name
+        What the message calls the value.
+    value
+        What was given for pairs.
+    """
+    if not isinstance(value, Pairs):
+        raise InvalidInputError(
+            f"{name}: expected sd.Pairs, found {type(value).__name__}; make them by "
+            "sd.Pairs(states, actions, episode, step), or take dataset.episode(number) or "
+            "dataset.pairs()"
+        )
+
+
 def check_fit_input(labeled: Pairs, seed: int) -> None:
     """Raise InvalidInputError for fewer than two pairs or a seed that torch cannot take.
 
@@ -188,6 +211,7 @@ def check_fit_input(labeled: Pairs, seed: int) -> None:
     seed
         A number from 0 to 2^63 − 1.
     """
+    check_pairs("labeled", labeled)
     if len(labeled) < 2:
         raise InvalidInputError(f"labeled: expected at least 2 pairs, found {len(labeled)}")
     if not 0 <= seed < 2**63:
@@ -219,10 +243,14 @@ def _check_setting(name: str, value: Any, default: object) -> float:
     if isinstance(default, bool):
         if isinstance(value, bool):
             return value
-        raise InvalidInputError(f"{name}: expected true or false, found {value!r}")
+        raise InvalidInputError(f"{name}: expected true or false, found {show_short(value)}")
     whole = isinstance(default, int)
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not number or not 0 < value < math.inf:
+    most = MOST_WHOLE if whole else sys.float_info.max
+    if not number or not 0 < value <= most:
         kind = "whole" if whole else "finite"
-        raise InvalidInputError(f"{name}: expected a {kind} number > 0, found {value!r}")
+        end = f", at most {most:,}" if whole and number and value > most else ""
+        raise InvalidInputError(
+            f"{name}: expected a {kind} number > 0{end}, found {show_short(value)}"
+        )
     return value if whole else float(value)

@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import shorten, show_short
 from ssil_data.pooling.base import FittedPooling, Pooling, cut_chunks, find_starts
 from ssil_data.pooling.forward_backward import infer
 
 ROUNDS = 30
 """Rounds of expectation–maximization at most."""
+MOST_BINS = 1024
+"""What is learned for a bin is in the run's record."""
 LEAST_STAY = 0.5
 MOST_STAY = 0.9999
 
@@ -37,7 +40,7 @@ class HiddenMarkov(Pooling):
     Raises
     ------
     InvalidInputError
-        For fewer than 2 bins, or a share outside 0 to 1.
+        For fewer than 2 bins or more than `MOST_BINS`, or a share outside 0 to 1.
 
     Source
     ------
@@ -59,8 +62,12 @@ class HiddenMarkov(Pooling):
 
     def __post_init__(self) -> None:
         """Validate the settings."""
-        if isinstance(self.bins, bool) or not isinstance(self.bins, int) or self.bins < 2:
-            raise InvalidInputError(f"hmm: bins: expected 2 or more, found {self.bins!r}")
+        whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
+        if not whole or not 2 <= self.bins <= MOST_BINS:
+            raise InvalidInputError(
+                f"hmm: bins: expected a whole number from 2 to {MOST_BINS:,}, "
+                f"found {show_short(self.bins)}"
+            )
         if not 0 < self.start_share < 1:
             raise InvalidInputError(
                 f"hmm: start_share: expected a share between 0 and 1, found {self.start_share!r}"
@@ -132,7 +139,8 @@ class FittedHiddenMarkov(FittedPooling):
 
     def __post_init__(self) -> None:
         """Validate the numbers and keep the sequences as tuples."""
-        edges = np.asarray(self.edges, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            edges = np.asarray(self.edges, dtype=np.float32)
         ratio = np.asarray(self.log_ratio, dtype=np.float64)
         sound = (
             ratio.shape == (len(edges) + 1,)
@@ -142,7 +150,7 @@ class FittedHiddenMarkov(FittedPooling):
         )
         if not sound or not (0 < self.stay < 1 and 0 < self.share < 1):
             raise InvalidInputError("hmm: its numbers do not fit each other")
-        object.__setattr__(self, "edges", tuple(edges.tolist()))
+        object.__setattr__(self, "edges", shorten(edges))
         object.__setattr__(self, "log_ratio", tuple(ratio.tolist()))
 
     @property

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from ssil_data.json_kinds import build, dump
+from ssil_data.json_kinds import dump, make_reader
 from ssil_data.pooling.base import FittedPooling, Pooling
 from ssil_data.pooling.hidden_markov import FittedHiddenMarkov, HiddenMarkov
 from ssil_data.pooling.single import FittedSingle, NoPooling
@@ -20,44 +17,11 @@ FITTED: dict[str, type[FittedPooling]] = {
 """Every fitted pooling by its kind."""
 
 
-def to_json(pooling: Pooling | FittedPooling) -> dict[str, Any]:
-    """Return settings or a fitted pooling as a JSON object with its `kind`.
+to_json = dump
+"""Return settings or a fitted pooling as a JSON object with its `kind`."""
 
-    Parameters
-    ----------
-    pooling
-        Either.
-    """
-    return dump(pooling)
+from_json = make_reader("fitted pooling", FITTED)
+"""Read a fitted pooling from `to_json`'s object; raises InvalidInputError for any other."""
 
-
-def from_json(json: Mapping[str, Any]) -> FittedPooling:
-    """Read a fitted pooling from `to_json`'s object.
-
-    Parameters
-    ----------
-    json
-        The object.
-
-    Raises
-    ------
-    InvalidInputError
-        For an unknown kind, or values that do not fit.
-    """
-    return build("fitted pooling", FITTED, json)
-
-
-def settings_from_json(json: Mapping[str, Any]) -> Pooling:
-    """Read a pooling's settings from `to_json`'s object.
-
-    Parameters
-    ----------
-    json
-        The object.
-
-    Raises
-    ------
-    InvalidInputError
-        For an unknown kind, or values that do not fit.
-    """
-    return build("pooling", POOLINGS, json)
+settings_from_json = make_reader("pooling", POOLINGS)
+"""Read a pooling's settings from `to_json`'s object; raises InvalidInputError for any other."""

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import shorten, show_short
 from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
 UNIT = float(1 << 40)
 """Normal scores are summed as multiples of 1 / `UNIT`."""
+
+WIDEST = 100_000
+"""Largest half width: an hour and a half at 20 steps a second."""
 
 LEAST_CORRELATION = 0.1
 """Rank correlation of neighbors below which rows are in no order of time, and nothing is pooled."""
@@ -36,7 +40,7 @@ class Window(Pooling):
     Raises
     ------
     InvalidInputError
-        For a number that is not whole or below 1.
+        For a number that is not whole, below 1 or above `WIDEST`.
 
     Examples
     --------
@@ -52,13 +56,10 @@ class Window(Pooling):
 
     def __post_init__(self) -> None:
         """Validate a whole number of steps."""
-        if isinstance(self.half_width, bool) or not isinstance(self.half_width, int):
+        if not _is_width(self.half_width, least=1):
             raise InvalidInputError(
-                f"window: half_width: expected a whole number, found {self.half_width!r}"
-            )
-        if self.half_width < 1:
-            raise InvalidInputError(
-                f"window: half_width: expected 1 or more, found {self.half_width}"
+                f"window: half_width: expected a whole number from 1 to {WIDEST:,}, "
+                f"found {show_short(self.half_width)}"
             )
 
     def fit(self, uncertainty: ArrayLike, episode: NDArray[np.int64]) -> FittedWindow:
@@ -74,7 +75,7 @@ class Window(Pooling):
         knots = find_knots(uncertainty)
         scores = normal_scores(uncertainty, knots)
         alike = _correlate_neighbors(scores, find_starts(episode)) >= LEAST_CORRELATION
-        return FittedWindow(self.half_width if alike else 0, tuple(knots.tolist()))
+        return FittedWindow(self.half_width if alike else 0, knots.tolist())
 
 
 @dataclass(frozen=True)
@@ -100,14 +101,14 @@ class FittedWindow(FittedPooling):
 
     def __post_init__(self) -> None:
         """Validate the knots and keep them as a tuple."""
-        knots = np.asarray(self.knots, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            knots = np.asarray(self.knots, dtype=np.float32)
         sound = knots.shape == (KNOTS,) and np.isfinite(knots).all() and (np.diff(knots) >= 0).all()
-        whole = isinstance(self.half_width, int) and not isinstance(self.half_width, bool)
-        if not sound or not whole or self.half_width < 0:
+        if not sound or not _is_width(self.half_width, least=0):
             raise InvalidInputError(
-                f"window: expected {KNOTS} rising knots and a width of 0 or more"
+                f"window: expected {KNOTS} rising knots and a half width from 0 to {WIDEST:,}"
             )
-        object.__setattr__(self, "knots", tuple(knots.tolist()))
+        object.__setattr__(self, "knots", shorten(knots))
 
     @property
     def stretch(self) -> int:
@@ -148,6 +149,11 @@ def average_window(
     first = np.maximum(bounds[number], row - half_width)
     stop = np.minimum(bounds[number + 1], row + half_width + 1)
     return (sums[stop] - sums[first]) / (UNIT * (stop - first))
+
+
+def _is_width(value: object, *, least: int) -> bool:
+    """Tell whether a value is a whole number of steps from the least to the most."""
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= WIDEST
 
 
 def _correlate_neighbors(scores: NDArray[np.float32], starts: NDArray[np.bool_]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +11,7 @@ from ssil_data import pooling as poolings
 from ssil_data import scales
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import ESTIMATORS, GPR, MDN, Ensemble, Estimator, from_json, to_json
+from ssil_data.json_kinds import show_short
 from ssil_data.pooling import NoPooling, Pooling, Window
 from ssil_data.scales import MinMax, Posterior, Quantile, Scale
 from ssil_data.store.run_record import Run
@@ -52,8 +53,8 @@ class Recipe:
     Raises
     ------
     InvalidInputError
-        For a scale floor that is negative or not finite, or self-training without the posterior
-        scale.
+        For a part that is of another type, a scale floor that is negative or not finite, or
+        self-training without the posterior scale.
 
     Examples
     --------
@@ -73,12 +74,17 @@ class Recipe:
     self_training: bool = False
 
     def __post_init__(self) -> None:
-        """Validate the scale floor."""
+        """Validate the type of every part, and the scale floor."""
+        _check_part("estimator", self.estimator, Estimator, "sd.WindowVAE()")
+        _check_part("scale", self.scale, Scale, "sd.Posterior()")
+        _check_part("pooling", self.pooling, Pooling, "sd.Window()")
+        for name in ("labeled_is_one", "cross_fit", "self_training"):
+            _check_switch(name, getattr(self, name))
         number = self.scale_floor
         if isinstance(number, bool) or not isinstance(number, int | float):
-            raise InvalidInputError(f"scale_floor: expected a number, found {number!r}")
-        if not 0 <= number < math.inf:
-            raise InvalidInputError(f"scale_floor: expected 0 or more, found {number}")
+            raise InvalidInputError(f"scale_floor: expected a number, found {show_short(number)}")
+        if not 0 <= number <= sys.float_info.max:
+            raise InvalidInputError(f"scale_floor: expected 0 or more, found {show_short(number)}")
         object.__setattr__(self, "scale_floor", float(number))
         if self.self_training and not isinstance(self.scale, Posterior):
             raise InvalidInputError(
@@ -108,7 +114,7 @@ class Recipe:
         if not isinstance(recipe, Recipe | Estimator):
             raise InvalidInputError(
                 f"recipe: expected an estimator such as sd.WindowVAE() or a recipe such as "
-                f"sd.preset('default', 'windowvae'), found {recipe!r}"
+                f"sd.preset('default', 'windowvae'), found {show_short(recipe)}"
             )
         return recipe if isinstance(recipe, Recipe) else cls(recipe)
 
@@ -140,15 +146,14 @@ class Recipe:
         InvalidInputError
             For a key that is missing, an unknown kind, or a value that does not fit.
         """
+        if not isinstance(json, Mapping):
+            raise InvalidInputError(f"recipe: expected a JSON object, found {show_short(json)}")
         for key in ("estimator", "scale", "labeled_is_one"):
             if key not in json:
                 raise InvalidInputError(f"recipe: the key {key!r} is missing")
         switches = {
             name: json.get(name, False) for name in ("labeled_is_one", "cross_fit", "self_training")
         }
-        for name, value in switches.items():
-            if not isinstance(value, bool):
-                raise InvalidInputError(f"{name}: expected true or false, found {value!r}")
         return cls(
             estimator=from_json(json["estimator"]),
             scale=scales.settings_from_json(json["scale"]),
@@ -225,7 +230,21 @@ class Recipe:
         return replace(self, estimator=estimator, scale=chosen, pooling=pooled)
 
 
-def preset(name: str, kind: str = Ensemble.kind) -> Recipe:
+def _check_part(name: str, value: object, expected: type, example: str) -> None:
+    """Raise InvalidInputError for a part of another type, such as the name of its kind."""
+    if not isinstance(value, expected):
+        raise InvalidInputError(
+            f"{name}: expected {expected.__name__.lower()} settings such as {example}, "
+            f"found {show_short(value)}"
+        )
+
+
+def _check_switch(name: str, value: object) -> None:
+    if not isinstance(value, bool):
+        raise InvalidInputError(f"{name}: expected true or false, found {show_short(value)}")
+
+
+def preset(name: str, kind: str | None = None) -> Recipe:
     """Return a named recipe for a kind of estimator.
 
     Parameters
@@ -236,12 +255,13 @@ def preset(name: str, kind: str = Ensemble.kind) -> Recipe:
         `default`: what measured best: a window over time, the posterior scale, a floor under the
         scale of dimensions; mdn and gpr judge the action that was taken.
     kind
-        `ensemble`, `vae`, `windowvae`, `mdn`, `gpr` or `contrast`; `paper` knows the paper's four.
+        `ensemble`, `vae`, `windowvae`, `mdn`, `gpr` or `contrast`; without one, `default` takes the
+        ensemble. `paper` needs one of the paper's: `vae`, `windowvae`, `mdn` or `gpr`.
 
     Raises
     ------
     InvalidInputError
-        For another name or kind.
+        For another name or kind, or the paper without one.
 
     Examples
     --------
@@ -250,10 +270,16 @@ def preset(name: str, kind: str = Ensemble.kind) -> Recipe:
     >>> sd.score(dataset, sd.preset("paper", "vae"), seed=0).preset
     'paper'
     """
-    if kind not in ESTIMATORS:
-        raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
     if name not in PRESETS:
         raise InvalidInputError(f"preset: expected one of {sorted(PRESETS)}, found {name!r}")
+    if kind is None:
+        if name == "paper":
+            raise InvalidInputError(
+                f"preset paper: needs an estimator; name one of the paper's, {list(PAPER_KINDS)}"
+            )
+        kind = Ensemble.kind
+    if kind not in ESTIMATORS:
+        raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
     if name == "paper":
         if kind not in PAPER_KINDS:
             raise InvalidInputError(

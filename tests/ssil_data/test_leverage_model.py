@@ -1,8 +1,12 @@
 """A stored model gives pairs the leverage that its run has."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from ssil_data.demonstrations import Episode
+from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import ESTIMATORS
 from ssil_data.scoring import score
 from ssil_data.store.dataset import Dataset
@@ -19,3 +23,12 @@ def test_the_stored_model_gives_pairs_the_leverage_of_the_run(dataset: Dataset, 
     np.testing.assert_array_equal(scored.uncertainty, values["uncertainty"])
     for part in ("aleatoric", "epistemic"):
         assert (part in scored.parts) == (values[part].null_count == 0)
+
+
+def test_an_episode_given_for_pairs_is_refused_with_what_to_do(dataset: Dataset):
+    model = dataset.model(score(dataset, ESTIMATORS["vae"]()).name)
+    pairs = dataset.episode(0)
+    wrong: list[Any] = [Episode(pairs.states, pairs.actions), pairs.states, [pairs]]
+    for value in wrong:
+        with pytest.raises(InvalidInputError, match=r"pairs: expected sd\.Pairs, found .*; make"):
+            model(value)

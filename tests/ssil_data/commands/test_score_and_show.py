@@ -9,8 +9,8 @@ import pytest
 
 from ssil_data.commands.health import describe_health, list_health
 from ssil_data.commands.leverage import score
-from ssil_data.commands.output import StoreLocation
-from ssil_data.commands.show import show
+from ssil_data.commands.output import StoreLocation, _format
+from ssil_data.commands.show import _list_chances, show
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import GPR, VAE
 from ssil_data.scoring import Recipe, preset
@@ -145,8 +145,52 @@ def test_without_tiers_show_has_no_empty_column(store: Store, capsys: pytest.Cap
     cells = [cell.strip() for row in rows for cell in row.strip("│").split("│")]
     assert all(cells)
     assert cells.count("–") == 0
-    for absent in ("true", "AUROC", "expert\n", "laps"):
+    for absent in ("true", "Spearman", "expert\n", "laps"):
         assert absent not in out
+
+
+def test_a_run_that_held_nothing_out_is_unchecked_where_others_have_their_auroc(
+    location: StoreLocation, dataset: Dataset, capsys: pytest.CaptureFixture[str]
+):
+    score("drives", estimator="gpr", location=location)
+    assert "Unchecked" not in capsys.readouterr().out
+    score("drives", estimator="gpr", preset="paper", run="by-paper", location=location)
+    assert "Unchecked: no labeled pairs were held out" in capsys.readouterr().out
+    show("drives", location=location)
+    *_, checked, unchecked = [
+        line.strip("│").split("│")[-1].strip()
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith(("│ gpr", "│ by-paper"))
+    ]
+    assert checked == f"{dataset.runs['gpr'].held_out_auroc:.3f}"
+    assert unchecked == "unchecked"
+
+
+def test_the_share_lies_in_the_interval_as_both_are_shown():
+    row = dict.fromkeys(("true_expert_share", "true_weight_on_experts", "true_calibration_error"))
+    shown = _list_chances(
+        {
+            **row,
+            "run": "a",
+            "expert_share": 0.0949,
+            "expert_share_interval": (0.0951 - 0.0002, 0.0951),
+            "effective_pairs": 100.4,
+            "weight_on_experts": 0.5,
+            "calibration_error": None,
+            "held_out_auroc": None,
+        }
+    )
+    low, high = map(float, shown["90 %\ninterval"].split("–"))
+    assert low <= float(_format(shown["expert\nshare"])) <= high
+
+
+def test_the_paper_without_an_estimator_asks_for_one(location: StoreLocation, dataset: Dataset):
+    message = r"preset paper: needs an estimator; name one of the paper's, \['vae', .*'gpr'\]"
+    with pytest.raises(InvalidInputError, match=message):
+        score("drives", preset="paper", location=location)
+    with pytest.raises(InvalidInputError, match=message):
+        preset("paper")
+    assert not list(dataset.runs)
 
 
 def test_a_weak_run_is_a_warning_and_no_error(
@@ -164,7 +208,10 @@ def test_a_run_of_an_earlier_version_says_the_little_it_knows(dataset: Dataset):
     record = score_dataset(dataset, VAE(steps=20)).to_json()
     first = {name: record[name] for name in record if name not in HEALTH - {"scale", "labeled"}}
     old = Run.from_json(first)
-    assert describe_health(old) == ["Rests on 120 labeled pairs"]
+    assert describe_health(old) == [
+        "Rests on 120 labeled pairs",
+        "Unchecked: no labeled pairs were held out; the preset default holds them out",
+    ]
     assert list_health(old)["expert_share"] is None
     assert list_health(old)["weak"] == []
 

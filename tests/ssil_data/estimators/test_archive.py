@@ -63,6 +63,12 @@ def test_a_count_must_be_a_positive_whole_number(wrong: object):
         from_json({"kind": "vae", "hidden": wrong})
 
 
+@pytest.mark.parametrize("wrong", [10**9 + 1, 2**63])
+def test_a_count_has_an_end(wrong: int):
+    with pytest.raises(InvalidInputError, match="> 0, at most 1,000,000,000, found"):
+        from_json({"kind": "vae", "hidden": wrong})
+
+
 @pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf"), True, "1"])
 def test_a_weight_must_be_a_positive_finite_number(wrong: object):
     with pytest.raises(InvalidInputError, match="vae: beta: expected a finite number > 0"):

@@ -3,13 +3,14 @@
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from sklearn.metrics import roc_auc_score
 
-from ssil_data.demonstrations import Pairs
+from ssil_data.demonstrations import Episode, Pairs
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import Estimator, Fitted, UnlabeledSample, dump, load
 from ssil_data.store.arrow_schema import PARTS
@@ -117,6 +118,20 @@ def test_another_width_is_refused_naming_both_sides(fitted: Fitted, random: Pair
     narrow = Pairs(random.states, random.actions[:, :1], random.episode, random.step)
     with pytest.raises(InvalidInputError, match="action width: expected 2, found 1"):
         fitted.uncertainty(narrow)
+
+
+def test_what_is_no_pairs_is_refused_with_how_to_make_them(
+    estimator: Estimator, fitted: Fitted, random: Pairs, unlabeled: UnlabeledSample
+):
+    wrong: list[Any] = [Episode(random.states, random.actions), random.states, None, "drives"]
+    for value in wrong:
+        found = type(value).__name__
+        with pytest.raises(
+            InvalidInputError, match=rf"^pairs: .*found {found}; make .*sd\.Pairs\("
+        ):
+            fitted.uncertainty(value)
+        with pytest.raises(InvalidInputError, match=rf"^labeled: .*found {found}; make "):
+            estimator.fit(value, seed=0, unlabeled=unlabeled)
 
 
 def test_nan_is_refused(estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample):

@@ -156,7 +156,7 @@ def test_a_tampered_record_is_refused(change: dict):
 
 @pytest.mark.parametrize("share", [0, 1, -0.1, float("nan"), "half", True])
 def test_a_number_that_is_no_share_is_refused(share: object):
-    with pytest.raises(InvalidInputError, match="expert_share: expected 0 < share < 1"):
+    with pytest.raises(InvalidInputError, match="expert_share: expected "):
         settings_from_json({"kind": "posterior", "expert_share": share})
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -117,6 +118,33 @@ def test_a_record_of_the_first_version_has_a_recipe_with_what_came_later_off():
 def test_a_value_that_does_not_fit_is_refused(change: dict):
     with pytest.raises(InvalidInputError):
         Recipe.from_json({**preset("default").to_json(), **change})
+
+
+@pytest.mark.parametrize("wrong", [None, [], "gpr", 10**400])
+def test_what_is_no_object_is_no_recipe(wrong: Any):
+    with pytest.raises(InvalidInputError, match="recipe: expected a JSON object, found "):
+        Recipe.from_json(wrong)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"estimator": "vae"}, r"such as sd.WindowVAE\(\), found 'vae'"),
+        ({"scale": "posterior"}, r"such as sd.Posterior\(\), found 'posterior'"),
+        ({"pooling": "window"}, r"such as sd.Window\(\), found 'window'"),
+        (
+            {"pooling": Quantile()},
+            r"pooling: expected pooling settings .*, found Quantile\(low=0.05",
+        ),
+        ({"pooling": None}, "found None"),
+        ({"cross_fit": "no"}, "cross_fit: expected true or false, found 'no'"),
+        ({"scale_floor": 10**400}, "expected 0 or more, found a whole number of 1,329 bits"),
+        ({"scale_floor": float("inf")}, "scale_floor: .* found inf"),
+    ],
+)
+def test_a_part_of_another_type_is_one_message(parts: dict[str, Any], message: str):
+    with pytest.raises(InvalidInputError, match=message):
+        Recipe(**{"estimator": VAE(), **parts})
 
 
 def test_options_choose_pooling_and_a_known_share():
