@@ -13,6 +13,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from ssil_data.estimators import ESTIMATORS, Ensemble
 from ssil_data.pooling import POOLINGS
+from ssil_data.pooling.hidden_markov import MOST_BINS
+from ssil_data.pooling.window import WIDEST
 from ssil_data.scales import SCALES
 
 MOST = float(np.finfo(np.float32).max)
@@ -35,8 +37,8 @@ _BOUNDS: dict[str, dict[str, Any]] = {
     "start_share": _SHARE,
 }
 """Bounds of numbers by their names; another is positive."""
-_WHOLE_BOUNDS = {"bins": (2, 1024)}
-"""Bounds of whole numbers by their names; what is learned for a bin is in the run's record."""
+_WHOLE_BOUNDS = {"bins": (2, MOST_BINS), "half_width": (1, WIDEST)}
+"""Bounds of whole numbers by their names."""
 
 
 class Body(BaseModel):

@@ -7,6 +7,7 @@ from typing import Any
 
 import httpx
 import pytest
+from pydantic import ValidationError
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore
@@ -114,6 +115,43 @@ def test_without_an_estimator_each_key_replaces_a_choice_of_the_default_preset()
     assert (default.preset, given.preset) == ("default", None)
 
 
+ODD = ["null", "[]", '"window"', "[{}]", "true", "1e400", "-1e400", "1" + "0" * 400, "1e39", "NaN"]
+PLACES = [
+    '{"scale": %s}',
+    '{"pooling": %s}',
+    '{"estimator": %s}',
+    '{"scale": {"kind": %s}}',
+    '{"scale": {"kind": "posterior", "expert_share": %s}}',
+    '{"scale": {"kind": "quantile", "low": %s}}',
+    '{"scale": {"kind": "conformal", "held_out": %s}}',
+    '{"pooling": {"kind": "window", "half_width": %s}}',
+    '{"pooling": {"kind": "hmm", "bins": %s}}',
+    '{"pooling": {"kind": "hmm", "start_share": %s}}',
+    '{"estimator": {"kind": "vae", "latent": %s}}',
+    '{"estimator": {"kind": "vae", "beta": %s}}',
+    '{"estimator": {"kind": "ensemble", "members": %s}}',
+    '{"scale_floor": %s}',
+    '{"seed": %s}',
+]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_an_odd_value_is_a_problem_of_the_request_or_a_recipe(
+    place: str, shared_http: httpx.Client
+):
+    for value in ODD:
+        # one label is refused too: no job begins, whatever the value
+        body = place.replace("{", '{"labels": 1, ', 1) % value
+        answer = shared_http.post(RUNS, content=body, headers={"Content-Type": "application/json"})
+        kind = answer.headers["content-type"]
+        assert (answer.status_code, kind) == (422, "application/problem+json"), value
+        try:
+            FitBody.model_validate_json(place % value).recipe()
+        except (ValidationError, sd.InvalidInputError):
+            continue
+        assert value == "null", value
+
+
 def test_what_a_client_sends_is_the_recipe_that_the_service_reads():
     for recipe in (*(recipe for _, recipe in RECIPES.values()), sd.preset("paper", "mdn")):
         assert FitBody.model_validate(recipe.to_json()).recipe() == recipe
@@ -125,6 +163,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a pooling that is none": ({"estimator": VAE, "pooling": "window"}, "pooling"),
     "a window of nothing": (
         {"pooling": {"kind": "window", "half_width": 0}},
+        "pooling.window.half_width",
+    ),
+    "a window of more than a drive": (
+        {"pooling": {"kind": "window", "half_width": 100_001}},
         "pooling.window.half_width",
     ),
     "one bin": ({"pooling": {"kind": "hmm", "bins": 1}}, "pooling.hmm.bins"),
