@@ -81,6 +81,26 @@ def test_the_sharpness_of_cor_is_a_flag_and_part_of_the_policys_record(
     assert found[0] > 0 and found[1] == 7.5
 
 
+def test_weight_decay_of_cloning_is_a_flag_and_part_of_the_policys_record(
+    pendulum: Dataset, tmp_path: Path
+) -> None:
+    train = ["train", "clone", "--env", "Pendulum-v1", "--dataset", "swings", *SHORT_TRAINING]
+    files = []
+    for name, more in (
+        ("usual", []),
+        ("off", ["--cloning-weight-decay", "0"]),
+        ("on", ["--cloning-weight-decay", "1.5"]),
+    ):
+        assert run(*train, *more, "-o", tmp_path / name) == 0
+        files.append((tmp_path / name / "policy.safetensors").read_bytes())
+    assert files[0] == files[1] != files[2]
+    stored = [
+        Policy.load(tmp_path / name / "policy.safetensors").metadata["settings"]
+        for name in ("usual", "on")
+    ]
+    assert [each["cloning_weight_decay"] for each in stored] == [0.0, 1.5]
+
+
 def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_record(
     pendulum: Dataset, tmp_path: Path
 ) -> None:
@@ -163,6 +183,23 @@ def test_the_help_describes_every_method() -> None:
         (["gail", "--dataset", "swings", "--expert-weighting", "all"], "posterior"),
         (["mixgail", "--dataset", "swings", "--cor-alpha", "0"], "cor_alpha: expected auto or a"),
         (["mixgail", "--dataset", "swings", "--cor-alpha", "sharp"], "--cor-alpha"),
+        (
+            ["clone", "--dataset", "swings", "--cloning-weight-decay", "-1"],
+            "cloning_weight_decay: expected a number of at least 0, found -1.0",
+        ),
+        (
+            ["clone", "--dataset", "swings", "--cloning-weight-decay", "nan"],
+            "cloning_weight_decay: expected a number of at least 0, found nan",
+        ),
+        (
+            ["clone", "--dataset", "swings", "--cloning-weight-decay", "inf"],
+            "cloning_weight_decay: expected a number of at least 0, found inf",
+        ),
+        (
+            ["clone", "--dataset", "swings", "--cloning-weight-decay", "1001"],
+            "cloning_weight_decay: expected at most 1 / cloning_rate, 1000, found 1001.0",
+        ),
+        (["clone", "--dataset", "swings", "--cloning-weight-decay", "much"], "--cloning-weight"),
     ],
 )
 def test_a_wrong_training_command_is_refused_before_anything_is_written(

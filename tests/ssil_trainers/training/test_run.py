@@ -111,7 +111,13 @@ def write_as_version_0_1(folder: Path, *, lacks: set[str]) -> None:
     tensor_file.write(folder / CHECKPOINT, arrays, metadata)
 
 
-NEW_SETTINGS = {"pair_reward", "expert_weighting", "odds_limit", "cor_alpha"}
+NEW_SETTINGS = {
+    "pair_reward",
+    "expert_weighting",
+    "odds_limit",
+    "cor_alpha",
+    "cloning_weight_decay",
+}
 
 
 def test_a_checkpoint_without_newer_settings_goes_on_with_their_defaults(tmp_path: Path) -> None:
@@ -289,9 +295,46 @@ def test_a_method_of_no_iterations_gives_its_cloned_policy(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
+    "method", ["clone", "clone-mixed", "clone-leverage", "clone-shuffled", "gail"]
+)
+def test_weight_decay_shrinks_every_clone_and_is_part_of_the_record(
+    tmp_path: Path, method: str
+) -> None:
+    """Of `gail`, the policy before the first step in the environment."""
+    steps = {"steps": 0, "cloning_steps": 200}
+    squares = []
+    files = []
+    for name, more in (
+        ("usual", {}),
+        ("off", {"cloning_weight_decay": 0.0}),
+        ("on", {"cloning_weight_decay": 5.0}),
+    ):
+        policy = train_toy(tmp_path / name, method, **steps, **more).policy
+        squares.append(sum(float(np.square(weight).sum()) for weight, _ in policy.layers))
+        files.append((tmp_path / name / POLICY).read_bytes())
+    assert files[0] == files[1]
+    assert squares[0] == squares[1] > 1.5 * squares[2]
+    stored = Policy.load(tmp_path / "on" / POLICY).metadata["settings"]
+    assert stored["cloning_weight_decay"] == 5.0
+    with pytest.raises(ConflictError, match=r"cloning_weight_decay 5.0 as before, found 0.0"):
+        train_toy(tmp_path / "on", method, resume=True, **steps)
+
+
+@pytest.mark.parametrize(
     "wrong",
-    [{"kl": 0.0}, {"discount": 1.5}, {"seed": -1}, {"eta": float("nan")}, {"log_sigma": np.inf}],
-    ids=lambda wrong: next(iter(wrong)),
+    [
+        {"kl": 0.0},
+        {"discount": 1.5},
+        {"seed": -1},
+        {"eta": float("nan")},
+        {"log_sigma": np.inf},
+        {"cloning_weight_decay": -0.1},
+        {"cloning_weight_decay": float("nan")},
+        {"cloning_weight_decay": np.inf},
+        {"cloning_weight_decay": 1001.0},
+        {"cloning_weight_decay": 11.0, "cloning_rate": 0.1},
+    ],
+    ids=str,
 )
 def test_settings_that_make_no_sense_are_refused(wrong: dict) -> None:
     with pytest.raises(InvalidInputError, match=next(iter(wrong))):

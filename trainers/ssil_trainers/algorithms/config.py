@@ -21,6 +21,7 @@ _MAY_BE_ZERO = frozenset(
         "gradient_penalty",
         "eta",
         "cloning_steps",
+        "cloning_weight_decay",
         "pair_reward",
     }
 )
@@ -123,6 +124,10 @@ class TrainSettings:
         Pairs in one such step.
     cloning_rate:
         Step size of behavior cloning at its start; it falls to zero as a cosine.
+    cloning_weight_decay:
+        Decoupled weight decay of the cloned policy, as of AdamW: each step of cloning also shrinks
+        weights and biases by step size × this, so at most 1 / `cloning_rate`; 0 is off. It keeps a
+        clone of few pairs from fitting their noise. Steps in the environment decay nothing.
     boundary:
         Iterations between checkpoints. The environments are reset at each, so that a resumed run
         goes on exactly as an uninterrupted one.
@@ -177,6 +182,7 @@ class TrainSettings:
     cloning_steps: int = 2_000
     cloning_batch: int = 256
     cloning_rate: float = 1e-3
+    cloning_weight_decay: float = 0.0
     boundary: int = 16
     evaluate_every: int = 5
     evaluations: int = 8
@@ -188,6 +194,11 @@ class TrainSettings:
             required = _find_violated_range(field.name, value, is_switch=field.type == "bool")
             if required:
                 raise InvalidInputError(f"{field.name}: expected {required}, found {value}")
+        if self.cloning_rate * self.cloning_weight_decay > 1:
+            raise InvalidInputError(
+                "cloning_weight_decay: expected at most 1 / cloning_rate, "
+                f"{1 / self.cloning_rate:g}, found {self.cloning_weight_decay}"
+            )
 
     @property
     def iterations(self) -> int:

@@ -176,6 +176,7 @@ class Learner:
             steps=settings.cloning_steps,
             batch=settings.cloning_batch,
             rate=settings.cloning_rate,
+            weight_decay=settings.cloning_weight_decay,
             rng=np.random.default_rng([settings.seed, 0, 1]),
         )
 
