@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,9 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         action_names=example.action_names,
         card=example.card,
     )
-    sd.score(dataset, sd.WindowVAE(steps=200), seed=0, run="windowvae")
+    quick = sd.Ensemble((sd.VAE(steps=50), sd.Contrast(steps=50)))
+    sd.score(dataset, replace(sd.preset("default"), estimator=quick, cross_fit=False))
+    assert dataset.runs["ensemble"].name == sd.preset("default").estimator.kind
     rows = [
         {"speed": float(s[1]), "heading": float(s[2]), "steer": float(a[1]), "lap": lap}
         for lap, drive in enumerate(drives())
