@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from gymnasium.envs.classic_control.pendulum import PendulumEnv
 
+from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
 from ssil_data.scoring import score
+from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_trainers.algorithms.config import PAPER
 from ssil_trainers.algorithms.methods import METHODS
@@ -134,6 +136,25 @@ def test_a_control_of_the_weights_is_trained_from_the_command_line(
         assert run(*words, *SHORT_TRAINING, "-o", tmp_path / method) == 0
         layers.append(Policy.load(tmp_path / method / "policy.safetensors").layers[0][0])
     assert (layers[0] != layers[1]).any()
+
+
+def test_training_by_a_weak_run_says_why_it_is_weak_in_one_line(
+    pendulum: Dataset, store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs = pendulum.episode(0)
+    few = [Episode(pairs.states, pairs.actions, labeled=number < 1) for number in range(3)]
+    names = {"state_names": pendulum.state_names, "action_names": pendulum.action_names}
+    weak = score(store.create("few", few, **names), VAE(steps=20), run="vae").weak
+    assert any("one episode" in reason for reason in weak)
+    for method in ("ssil", "gail-leverage", "clone-leverage", "shuffled", "mixgail", "clone"):
+        words = ["train", method, "--env", "Pendulum-v1", "--dataset", "few", "--run", "vae"]
+        capsys.readouterr()
+        assert run(*words, *SHORT_TRAINING, "--json", "-o", tmp_path / method) == 0
+        shown = capsys.readouterr()
+        assert "steps" in json.loads(shown.out)
+        lines = [line for line in shown.err.splitlines() if "Weak" in line]
+        uses_leverage = method not in ("mixgail", "clone")
+        assert lines == ([f"Weak: vae: {'; '.join(weak)}"] if uses_leverage else []), method
 
 
 def test_resuming_without_a_checkpoint_starts_and_says_so(

@@ -31,6 +31,7 @@ from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.commands import train as command
 from ssil_trainers.training.checkpoint import CHECKPOINT
 from ssil_trainers.training.data import TrainingData
+from ssil_trainers.training.data_source import DataSource, load_training_data
 from ssil_trainers.training.history import HistoryRow
 from ssil_trainers.training.run import (
     CURVE,
@@ -152,6 +153,31 @@ def test_without_a_url_the_command_embeds_a_service(
     monkeypatch.setitem(sys.modules, "ssil_service", None)
     with open_store(StoreLocation(toy_store.folder.uri), None) as store:
         assert isinstance(store, Store)
+
+
+@pytest.mark.parametrize("way", ["store", "embedded", "remote"])
+def test_a_weak_run_is_warned_of_wherever_its_record_is(
+    toy_store: Store,
+    server: Server,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    way: str,
+) -> None:
+    if "few" not in toy_store:
+        of = demonstrations()
+        few = [Episode(of.states[:30], of.actions[:30], labeled=number < 1) for number in range(3)]
+        made = toy_store.create("few", few, state_names=["place", "goal"], action_names=["move"])
+        score(made, VAE(steps=5), run="vae")
+    weak = toy_store["few"].runs["vae"].weak
+    assert weak and not toy_store["toy"].runs["vae"].weak
+    if way == "store":
+        monkeypatch.setitem(sys.modules, "ssil_service", None)
+    place = StoreLocation(toy_store.folder.uri)
+    url = server.url if way == "remote" else None
+    for dataset, expected in (("few", f"Weak: vae: {'; '.join(weak)}\n"), ("toy", "")):
+        source = DataSource(dataset, run="vae", service=url)
+        with load_training_data(source, "ssil", place):
+            assert capsys.readouterr().err == expected
 
 
 def test_a_service_killed_and_restarted_in_the_middle_changes_no_byte(

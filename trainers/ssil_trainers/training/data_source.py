@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from ssil_data.commands.output import StoreLocation, progress
 from ssil_data.commands.serving import open_store
 from ssil_data.errors import InvalidInputError
+from ssil_data.store.run_record import Run
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.label_subset import limit_labels, score_like
@@ -45,6 +47,8 @@ def load_training_data(
 ) -> Iterator[TrainingData]:
     """Read what a method learns from; the service stays open inside the block.
 
+    Where the method uses the leverage of a run that is weak, a line on standard error says why.
+
     Parameters
     ----------
     source:
@@ -69,7 +73,17 @@ def load_training_data(
     if source.service is None:
         _check_exists(location, name, run)
     with open_store(location, source.service) as store:
-        yield TrainingData.read(store[name], run)
+        dataset = store[name]
+        data = TrainingData.read(dataset, run)
+        if run is not None and row.requires_run:  # MixGAIL reads no leverage
+            _warn(dataset.runs[run])
+        yield data
+
+
+def _warn(run: Run) -> None:
+    """Print why a run is weak, in one line; nothing for one that is not."""
+    if run.weak:
+        print(f"Weak: {run.name}: {'; '.join(run.weak)}", file=sys.stderr)
 
 
 def _check_exists(location: StoreLocation, name: str, run: str | None) -> None:
