@@ -71,4 +71,26 @@ def normal_scores(uncertainty: ArrayLike, knots: ArrayLike) -> NDArray[np.float3
         _GRID[np.searchsorted(grid, distinct, side="left")]
         + _GRID[np.searchsorted(grid, distinct, side="right") - 1]
     ) / 2
-    return np.interp(values, distinct, middle).astype(np.float32)
+    return interpolate(values, distinct, middle)
+
+
+def interpolate(
+    values: NDArray[np.floating], places: NDArray[np.floating], heights: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """Return heights by linear interpolation, in the order of the values to the last bit.
+
+    Rounding lets `numpy.interp` end a little beyond a piece's end where places are far apart.
+
+    Parameters
+    ----------
+    values
+        (n,), not NaN; those beyond the first and the last place get the ends' heights.
+    places
+        Rising, (k,).
+    heights
+        At the places, (k,), all rising or all falling.
+    """
+    found = np.interp(values, places, heights)
+    piece = np.clip(np.searchsorted(places, values, side="right"), 1, max(len(places) - 1, 1))
+    ends = heights[piece - 1], heights[np.minimum(piece, len(heights) - 1)]
+    return np.clip(found, np.minimum(*ends), np.maximum(*ends)).astype(np.float32)

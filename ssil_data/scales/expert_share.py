@@ -18,6 +18,8 @@ BANDWIDTH = 0.6
 """Times Silverman's rule, which is for one group and blurs two."""
 DEEPEST = 0.02
 """Depths below this are all the same evidence."""
+FARTHEST = 10
+"""Values farther from the quartiles than so many times what lies between them count as there."""
 SHALLOWEST = 0.6
 """A valley is at most so high, the lower of its two sides being 1."""
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
@@ -62,12 +64,18 @@ class Density:
         ------
         Silverman, Density Estimation, 1986.
         """
+        quartiles = np.quantile(values, [0.25, 0.75])
+        between = quartiles[1] - quartiles[0]
         low = values.min()
         high = values.max()
+        if between > 0:
+            # bins are of one width, and a single outlier would leave all others one of them
+            low = max(low, quartiles[0] - FARTHEST * between)
+            high = min(high, quartiles[1] + FARTHEST * between)
+            values = np.clip(values, low, high)
         pad = 0.05 * (high - low)
         counts, edges = np.histogram(values, np.linspace(low - pad, high + pad, BINS + 1))
-        quartiles = np.quantile(values, [0.25, 0.75])
-        normal = (quartiles[1] - quartiles[0]) / 1.349
+        normal = between / 1.349
         spread = min(values.std(), normal) if normal > 0 else values.std()
         width = BANDWIDTH * 0.9 * spread * max(independent, 2.0) ** -0.2
         bins = max(width / (edges[1] - edges[0]), 0.5)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.ranks import interpolate
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
 
 TILT_OF_EXPERTS = 0.02
@@ -186,7 +187,7 @@ class Chance(FittedScale):
             (n,), not NaN.
         """
         r = check_numbers(uncertainty)
-        return np.interp(r, self.uncertainty, self.chance).astype(np.float32)
+        return interpolate(r, np.array(self.uncertainty), np.array(self.chance))
 
 
 def _tilt(chance: NDArray[np.float64], rank: NDArray[np.float64]) -> NDArray[np.float64]:

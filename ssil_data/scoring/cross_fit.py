@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import Estimator, UnlabeledSample
 from ssil_data.pooling import Pooling
+from ssil_data.scoring.self_training import join_labeled
 
 LEAST_PAIRS = 4
 """Labeled pairs below which there are no two halves to fit on."""
@@ -20,6 +21,7 @@ def rank_labeled(
     *,
     unlabeled: UnlabeledSample,
     seed: int,
+    joined: Pairs | None = None,
 ) -> NDArray[np.float64] | None:
     """Return what share of the unlabeled pairs is less uncertain than each labeled pair.
 
@@ -37,6 +39,9 @@ def rank_labeled(
         A sample of the unlabeled pairs.
     seed
         Of the fits.
+    joined
+        Pairs that are fitted on beside either half, and are judged by none: self-training chose
+        them by the pool that they would be ranked in. None for none.
 
     Returns
     -------
@@ -49,7 +54,9 @@ def rank_labeled(
     first = halve(labeled)
     ranks = np.empty(len(labeled))
     for half in (first, ~first):
-        fitted = estimator.fit(labeled.where(~half), seed=seed, unlabeled=unlabeled)
+        others_half = labeled.where(~half)
+        known = others_half if joined is None else join_labeled(others_half, joined)
+        fitted = estimator.fit(known, seed=seed, unlabeled=unlabeled)
         pool = unlabeled.pairs
         strange = fitted.uncertainty(pool).total
         pooled = pooling.fit(strange, pool.episode)

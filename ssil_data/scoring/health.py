@@ -15,8 +15,12 @@ from ssil_data.scoring.poor_labels import FEWEST_PAIRS, ONE_EPISODE, find_poor_l
 
 LEAST_TOLD = 0.4
 """Least share of what perfect separation would tell held-out experts from the pool by."""
-LEAST_RANGE = 0.05
-"""Leverage that differs by less between the pool's 1 % and 99 % quantiles tells nothing."""
+LEAST_PERFECT = 0.15
+"""Perfect separation of a pool of few others is taken for no less than this beyond chance."""
+LEAST_DEVIATION = 0.02
+"""Leverage of the pool that deviates by less tells nothing."""
+WIDEST = 0.95
+"""Width of the expert share's interval from which on nothing is known of the share."""
 ALONE = 0.8
 """Share of all deviation from the labeled states that one dimension may have."""
 AT_BOUND = 0.005
@@ -64,10 +68,9 @@ def examine(
     leverage: NDArray[np.float32],
     scale: FittedScale,
     *,
-    labeled: Pairs,
+    labeled: Pairs | None,
     held_out: NDArray[np.float32] | None,
     unlabeled: UnlabeledSample | None,
-    rescored: bool = False,
 ) -> Health:
     """Say how good a run can be.
 
@@ -78,13 +81,11 @@ def examine(
     scale
         The fitted scale.
     labeled
-        The labeled pairs.
+        The labeled pairs; None where another run rests on them, which knows how good they are.
     held_out
         Leverage of labeled pairs that the estimator was not fitted on, (m,); None for none.
     unlabeled
         A sample of the unlabeled pairs; None for none.
-    rescored
-        Whether the model was fitted for another run, which knows of its labels.
 
     Returns
     -------
@@ -99,15 +100,16 @@ def examine(
     error = None
     if chance is not None and held_out is not None and len(leverage):
         error = _measure_calibration(weights, held_out, chance.expert_share)
-    reasons = [
-        *([] if rescored else _find_few_labels(labeled, held_out, chance)),
-        *([] if unlabeled is None else find_poor_labels(labeled, unlabeled)),
-        *_find_untold(auroc, chance),
-        *_find_flat(leverage, chance),
-        *_find_lone_dimension(labeled, unlabeled),
-    ]
+    reasons = []
+    if labeled is not None:
+        reasons += _find_few_labels(labeled, held_out, chance)
+        if unlabeled is not None:
+            reasons += find_poor_labels(labeled, unlabeled)
+            reasons += _find_lone_dimension(labeled, unlabeled)
+    reasons += _find_untold(auroc, chance)
+    reasons += _find_flat(leverage, chance)
     return Health(
-        labeled_episodes=len(np.unique(labeled.episode)),
+        labeled_episodes=0 if labeled is None else len(np.unique(labeled.episode)),
         expert_share=None if chance is None else chance.expert_share,
         expert_share_interval=None if chance is None else (chance.interval[0], chance.interval[1]),
         effective_pairs=float(total**2 / squares) if squares else 0.0,
@@ -160,14 +162,18 @@ def _find_few_labels(
 
 
 def _find_untold(auroc: float | None, chance: Chance | None) -> list[str]:
-    """Say if held-out experts get hardly more leverage than the pool."""
-    if auroc is None:
-        return []
-    share = 0.0 if chance is None else chance.expert_share
-    perfect = max(0.5 * (1 - share), 0.05)
-    if (auroc - 0.5) / perfect >= LEAST_TOLD:
-        return []
-    return [f"held-out experts are not told from the pool (AUROC {auroc:.2f})"]
+    """Say if held-out experts get hardly more leverage than the pool, or the share is unknown."""
+    reasons = []
+    if auroc is not None:
+        # a useless run may find that nearly all are experts: the fewest that may be count
+        fewest = 0.0 if chance is None else chance.interval[0]
+        perfect = max(0.5 * (1 - fewest), LEAST_PERFECT)
+        if (auroc - 0.5) / perfect < LEAST_TOLD:
+            reasons.append(f"held-out experts are not told from the pool (AUROC {auroc:.2f})")
+    if chance is not None and chance.interval[1] - chance.interval[0] >= WIDEST:
+        low, high = chance.interval
+        reasons.append(f"the expert share may be anything from {low:.2f} to {high:.2f}")
+    return reasons
 
 
 def _find_flat(leverage: NDArray[np.float32], chance: Chance | None) -> list[str]:
@@ -179,15 +185,15 @@ def _find_flat(leverage: NDArray[np.float32], chance: Chance | None) -> list[str
         reasons.append("no pair is unlabeled, so there is nothing to compare with")
     elif len(leverage) < FEWEST_PAIRS:
         reasons.append(f"{len(leverage)} unlabeled pairs: too few to compare the expert with")
-    if len(leverage) and np.ptp(np.quantile(leverage, [0.01, 0.99])) < LEAST_RANGE:
+    if len(leverage) and leverage.std(dtype=np.float64) < LEAST_DEVIATION:
         middle = float(np.median(leverage))
         reasons.append(f"leverage hardly differs between unlabeled pairs (about {middle:.2f})")
     return reasons
 
 
-def _find_lone_dimension(labeled: Pairs, unlabeled: UnlabeledSample | None) -> list[str]:
+def _find_lone_dimension(labeled: Pairs, unlabeled: UnlabeledSample) -> list[str]:
     """Say if one state dimension makes nearly all of the distance from the labeled states."""
-    if unlabeled is None or labeled.states.shape[1] < 2:
+    if labeled.states.shape[1] < 2:
         return []
     standardizer = Standardizer.of(labeled.states, least=unlabeled.least_state_scale)
     squares = np.square(standardizer(unlabeled.pairs.states).astype(np.float64)).mean(axis=0)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Pairs, join_pairs
 from ssil_data.errors import DamagedError
 from ssil_data.estimators import Fitted
+from ssil_data.scoring.served import Progress
+from ssil_data.store.dataset import Dataset
 
 SAMPLE = 4096
 """About so many states, evenly spaced, are kept from the stream to choose the kernel by."""
@@ -89,6 +91,24 @@ def stream(
     if done != count:
         raise DamagedError(f"pairs: expected {count} as logged, found {done}")
     return Streamed(uncertainty, parts, moments.mean, moments.variance, np.concatenate(sample))
+
+
+def stream_dataset(dataset: Dataset, fitted: Fitted, report: Progress) -> Streamed:
+    """Give every pair of a dataset its uncertainty.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    fitted
+        The estimator.
+    report
+        Called with what is done.
+    """
+    count = len(dataset)
+    return stream(
+        dataset.batches(), fitted, count=count, progress=lambda done: report("score", done, count)
+    )
 
 
 def add_margins(batches: Iterable[Pairs], margin: int) -> Iterator[tuple[Pairs, slice]]:

@@ -139,8 +139,13 @@ def encode_episode(number: int, episode: Episode, schema: pa.Schema) -> pa.Table
     Raises
     ------
     InvalidInputError
-        For states or actions of another width.
+        For anything but an episode, or states or actions of another width.
     """
+    if not isinstance(episode, Episode):
+        raise InvalidInputError(
+            f"episode {number}: expected an Episode, found {type(episode).__name__}; make one with "
+            "Episode(states, actions)"
+        )
     for column, values in (("state", episode.states), ("action", episode.actions)):
         width = len(dimension_names(schema, column))
         if values.shape[1] != width:

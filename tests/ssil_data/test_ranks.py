@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ssil_data.ranks import FARTHEST, KNOTS, find_knots, normal_scores
+from ssil_data.ranks import FARTHEST, KNOTS, find_knots, interpolate, normal_scores
 
 numbers = st.floats(-(2.0**127), 2.0**127, width=32)
 pools = arrays(np.float32, st.integers(1, 80), elements=numbers)
@@ -22,6 +22,23 @@ def test_scores_never_fall_and_stay_within_their_ends(pool: NDArray, queries: ND
     assert scores.dtype == np.float32
     assert (np.diff(scores) >= 0).all()
     assert (np.abs(scores) <= FARTHEST).all()
+
+
+@given(places=pools, queries=pools, falling=st.booleans())
+def test_interpolation_keeps_the_order(places: NDArray, queries: NDArray, falling: bool):
+    places = np.unique(places.astype(np.float64))
+    heights = np.linspace(1, 0, len(places)) if falling else np.linspace(-4, 4, len(places))
+    found = interpolate(np.sort(queries), places, heights)
+    steps = np.diff(found)
+    assert (steps <= 0).all() if falling else (steps >= 0).all()
+    np.testing.assert_array_equal(interpolate(places, places, heights), np.float32(heights))
+    assert heights.min() <= found.min() and found.max() <= heights.max()
+
+
+def test_a_piece_across_huge_numbers_does_not_overshoot():
+    knots = find_knots([0.0, -1.7222205e18, 0.0, -1.0, -1.0, -1.0])
+    scores = normal_scores([-2.0, -1.0], knots)
+    assert scores[0] <= scores[1]
 
 
 @pytest.mark.parametrize("change", [lambda r: 7 * r + 3, np.exp, lambda r: r**3])

@@ -14,7 +14,7 @@ from starlette.responses import Response
 
 from ssil_data.client.wire import IDEMPOTENCY, JSON
 from ssil_data.scoring import Recipe
-from ssil_data.scoring.pipeline import check_label_count, check_unlabeled
+from ssil_data.scoring.labels import check_label_count, check_unlabeled
 from ssil_data.store.arrow_schema import FIRST_COLUMNS
 from ssil_data.store.episodes import check_episode, check_labeled
 from ssil_service.context import Context, context

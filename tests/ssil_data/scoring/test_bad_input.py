@@ -15,7 +15,7 @@ from ssil_data.scoring.recipes import Recipe, preset
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
-from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
+from support.demonstrations import ACTION_NAMES, DATASETS, STATE_NAMES, drive
 
 DEFAULT = replace(
     preset("default"),
@@ -159,6 +159,56 @@ def test_a_broken_sensor_in_the_pool_does_not_hide_the_dimension(store: Store):
     assert leverage[-5:].max() < 0.05
 
 
+def noise(seed: int, rows: int, *, labeled: bool = False) -> Episode:
+    rng = np.random.default_rng(seed)
+    states = rng.normal(size=(rows, 3)).astype(np.float32)
+    return Episode(states, rng.normal(size=(rows, 2)).astype(np.float32), labeled=labeled)
+
+
+def test_noise_is_weak_whatever_share_is_found_in_it(store: Store):
+    """A useless run may find that nearly all are experts, which must not excuse it."""
+    for seed in range(400, 410):
+        episodes = [
+            *(noise(1000 * seed + number, 60, labeled=True) for number in range(2)),
+            *(noise(1000 * seed + 50 + number, 60) for number in range(8)),
+        ]
+        dataset = store.create(
+            f"noise-{seed}", episodes, state_names=STATE_NAMES, action_names=ACTION_NAMES
+        )
+        run = sd.score(dataset, RECIPES["contrast"], seed=seed)
+        assert run.weak, (seed, run.expert_share, run.held_out_auroc)
+
+
+def copy(source: Dataset, number: int) -> Episode:
+    pairs = source.episode(number)
+    known = bool(source.episodes["labeled"][number].as_py())
+    return Episode(pairs.states, pairs.actions, labeled=known)
+
+
 def test_good_data_are_not_weak(store: Store):
-    _, run = store_and_score(store, [*two_drives(), *pool()], DEFAULT)
+    source = Store(DATASETS)["racetrack"]
+    labeled = np.flatnonzero(source.episodes["labeled"].to_numpy())
+    others = np.setdiff1d(np.arange(len(source.episodes)), labeled)[::4]
+    dataset = store.create(
+        "good",
+        [copy(source, int(number)) for number in [*labeled, *others]],
+        state_names=source.state_names,
+        action_names=source.action_names,
+    )
+    run = sd.score(dataset, DEFAULT, seed=400)
     assert run.weak == ()
+
+
+def test_a_run_made_from_a_weak_one_is_as_weak(store: Store):
+    dataset, run = store_and_score(store, [drive(0, 20, labeled=True), *pool()], DEFAULT)
+    assert len(run.weak) >= 2
+    other = store.create(
+        "other",
+        [*two_drives(), *pool()],
+        state_names=STATE_NAMES,
+        action_names=ACTION_NAMES,
+    )
+    again = sd.rescore(other, dataset, run.name)
+    assert set(again.weak) >= set(run.weak)
+    assert (again.labeled, again.labeled_episodes) == (20, 1)
+    assert again.held_out_auroc == run.held_out_auroc

@@ -190,6 +190,23 @@ def test_three_labels_have_no_halves_and_four_have():
     assert four is not None and ((four >= 0) & (four <= 1)).all()
 
 
+def test_pairs_that_joined_are_learned_from_and_not_judged():
+    labeled, pool = some_pairs(3, 20, episodes=4), UnlabeledSample.of(some_pairs(1, 400, at=2))
+    estimator = Contrast(steps=100)
+    alone = rank_labeled(estimator, NoPooling(), labeled, unlabeled=pool, seed=400)
+    joined = rank_labeled(
+        estimator,
+        NoPooling(),
+        labeled,
+        unlabeled=pool,
+        seed=400,
+        joined=some_pairs(4, 300),
+    )
+    assert alone is not None and joined is not None
+    assert joined.shape == alone.shape == (20,)
+    assert joined.mean() < alone.mean()
+
+
 def test_the_purest_join_where_they_are_pure_and_none_where_they_are_not():
     labeled = np.arange(1000) < 100
     pure = np.where(np.arange(1000) < 300, 0.99, 0.01).astype(np.float32)

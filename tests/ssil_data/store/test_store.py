@@ -289,3 +289,11 @@ def test_every_flipped_bit_is_found(dataset: Dataset):
     assert any("the file is missing" in line for line in dataset.find_damage())
     with pytest.raises(DamagedError, match="there is none at"):
         Dataset(dataset.folder).pairs()
+
+
+@pytest.mark.parametrize("given", [np.zeros((3, 3)), drive(0, 5).states, [1.0], None])
+def test_what_is_no_episode_is_refused_and_nothing_is_written(store: Store, given: object):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    with pytest.raises(InvalidInputError, match="episode 1: expected an Episode, found"):
+        store.create("odd", [drive(0, 5), given], **names)
+    assert "odd" not in store
