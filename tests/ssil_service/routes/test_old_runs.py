@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore
-from ssil_data.scoring import pipeline
+from ssil_data.scoring import run_writer
 from ssil_data.store import runs
 from ssil_data.store.arrow_schema import FIRST_COLUMNS, LEVERAGE, VALUES
 from ssil_service import embed
@@ -34,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
         return {name: value for name, value in to_json(run).items() if name not in LATER}
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (pipeline, runs):
+        for module in (run_writer, runs):
             patch.setattr(module, "VALUES", pa.schema(first))
         patch.setattr(runs, "LEVERAGE", pa.schema([LEVERAGE.field("run"), *first]))
         patch.setattr(sd.Run, "to_json", old_record)
