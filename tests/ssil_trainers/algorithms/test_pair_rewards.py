@@ -21,7 +21,7 @@ from ssil_trainers.algorithms.learner import Learner
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.networks import Discriminator
 from ssil_trainers.algorithms.pair_rewards import list_pairs, log_odds_reward, reward_pairs
-from ssil_trainers.algorithms.rewards import zero_reward
+from ssil_trainers.algorithms.rewards import Shaping, zero_reward
 from ssil_trainers.algorithms.rollout import RolloutCollector
 from support.ending_environment import STEPS, EndingEnv, LogOddsModel
 from support.toy_environment import demonstrations
@@ -62,14 +62,16 @@ def level_and_bonus(level: str, *, ending: float, going_on: float = 0.0) -> Form
     )
 
 
-def learner_of(formula: Formula | None, settings: TrainSettings = SETTINGS) -> Learner:
+def learner_of(
+    formula: Formula | None, settings: TrainSettings = SETTINGS, shaping: Shaping = zero_reward
+) -> Learner:
     collector = RolloutCollector(EndingEnv(settings.environments))
     ones = np.ones((2, 1), np.float32)
     learner = Learner(
         settings,
         collector=collector,
         experts=ExpertSampler(ones, ones, ones[:, 0]),
-        shaping=zero_reward,
+        shaping=shaping,
         standardizer=Standardizer(np.zeros(1, np.float32), np.ones(1, np.float32)),
         pair_reward=formula and log_odds_reward(LogOddsModel(formula), settings.odds_limit),
     )
@@ -196,6 +198,53 @@ def test_the_weight_multiplies_the_pair_reward_and_is_off_by_default() -> None:
         learner.iterate()
     np.testing.assert_allclose(2 * targets[0], targets[1], rtol=1e-6)
     assert TrainSettings().pair_reward == 0
+
+
+def test_eta_follows_the_third_critic_with_a_pair_reward_too() -> None:
+    """It learns what V_C learns without centering: LCoR as it is, and centered log-odds.
+
+    The policy stands still, so that both are given the same rollouts.
+    """
+    settings = replace(SETTINGS, eta=0.0, kl=1e-12, eta_decay=0.9, discriminator_steps=5)
+    learners = []
+    for centered in (True, False):
+        learner = learner_of(
+            level_and_bonus("rising", ending=-1.0),
+            replace(settings, centered=centered),
+            shaping=lambda states: 0.5 + 0.2 * states[:, 0],
+        )
+        learner.eta = 0.5
+        learners.append(learner)
+    assert [learner.critics.count for learner in learners] == [3, 2]
+    eta = 0.5
+    ended = 0
+    for _ in range(6):
+        before = values_at_starts(learners[0])
+        figures = [learner.iterate() for learner in learners]
+        ended += figures[0].ended
+        after, plain = (values_at_starts(learner) for learner in learners)
+        assert np.isfinite(after).all()
+        assert after[2] == pytest.approx(plain[1], rel=1e-3)
+        assert after[1] < 0.5 * after[2]  # of the centered reward: the rule would see another rise
+        eta *= 0.9 if after[0] - before[0] > after[2] - before[2] else 1
+        assert learners[0].eta == learners[1].eta == pytest.approx(eta)
+    assert ended > 0
+
+
+def values_at_starts(learner: Learner) -> list[float]:
+    """Return each critic's mean value of the states in which the environments last started."""
+    return learner.critics(learner.standardize(learner.initial)).mean(dim=1).tolist()
+
+
+@pytest.mark.usefixtures("blind")
+def test_the_more_expert_like_wins_with_a_third_critic_too() -> None:
+    for ending, going_on, ends in ((-0.5, 0.0, NEVER_ENDS), (0.0, -0.5, ALWAYS_ENDS)):
+        learner = learner_of(
+            level_and_bonus("rising", ending=ending, going_on=going_on),
+            shaping=lambda states: np.full(len(states), 0.7),
+        )
+        assert learner.critics.count == 3
+        assert ends_per_step(learner, iterations=25) == pytest.approx(ends, abs=0.02)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -126,6 +126,32 @@ def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_rec
         assert all(float(row["log_odds"]) != 0 for row in list(csv.DictReader(lines))[1:])
 
 
+@pytest.mark.parametrize("method", ["ssil", "ssil-leverage", "mixgail"])
+def test_a_pair_reward_and_a_sharpness_of_cor_train_finitely_together(
+    pendulum: Dataset, tmp_path: Path, method: str
+) -> None:
+    """The state reward is centered, so that η follows a third critic; each flag has its method."""
+    score(pendulum, VAE(steps=20), run="vae")
+    train = ["train", method, "--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae"]
+    train += [*SHORT_TRAINING, "--eta-decay", "0.5"]
+    both = ["--cor-alpha", "7.5", "--pair-reward", "0.5"]
+    other = ["--cor-alpha", "7.5"] if method == "mixgail" else ["--pair-reward", "0.5"]
+    policies = []
+    for name, flags in (("both", both), ("one", other), ("none", [])):
+        assert run(*train, *flags, "-o", tmp_path / name) == 0
+        policies.append(Policy.load(tmp_path / name / "policy.safetensors"))
+        with (tmp_path / name / "curve.csv").open() as lines:
+            rows = list(csv.DictReader(lines))[1:]
+        figures = [
+            [float(row[key]) for key in ("eta", "kl", "shaping", "log_odds")] for row in rows
+        ]
+        assert np.isfinite(figures).all() and len(figures) == 3
+    weights = [[part for layer in policy.layers for part in layer] for policy in policies]
+    assert all(np.isfinite(part).all() for part in weights[0])
+    assert all((a == b).all() for a, b in zip(weights[0], weights[1], strict=True))
+    assert any((a != b).any() for a, b in zip(weights[0], weights[2], strict=True))
+
+
 def test_a_control_of_the_weights_is_trained_from_the_command_line(
     pendulum: Dataset, tmp_path: Path
 ) -> None:
