@@ -126,11 +126,12 @@ def cells(seeds: list[int]) -> Iterator[Cell]:
 
 def _claims(seed: int) -> Iterator[Cell]:
     """Yield what the manual makes claims of."""
-    clone = ("clone-leverage",)
+    clone = ("clone-leverage", "clone-ratio")
     for share in SHARES:
         mixture = {"labels": 50, "share": share}
         plain = ("clone", "clone-mixed", "gail", "gail-mixed")
-        ours = ("clone-leverage", "clone-shuffled", "gail-leverage", "gail-shuffled", "gail-ratio")
+        ours = ("clone-leverage", "clone-ratio", "clone-shuffled")
+        ours += ("gail-leverage", "gail-ratio", "gail-shuffled")
         yield Cell("racetrack", mixture, None, plain, seed)
         yield Cell("racetrack", mixture, "default", ours, seed)
         yield Cell("racetrack", mixture, "before", ("clone-leverage", "gail-leverage"), seed)
@@ -256,7 +257,8 @@ def imitate(cell: Cell, dataset: Dataset, leverage: np.ndarray | None, method: s
     leverage
         Of every pair, (n,); None for none.
     method
-        A method of the trainers, or `gail-ratio`: gail-leverage by the density ratio.
+        A method of the trainers, or `clone-ratio` and `gail-ratio`: those by leverage, weighted by
+        the density ratio.
     """
     pairs = dataset.pairs()
     demonstrations = Demonstrations(
@@ -278,9 +280,9 @@ def imitate(cell: Cell, dataset: Dataset, leverage: np.ndarray | None, method: s
         evaluate_every=1_000,
         evaluations=16,
         cloning_weight_decay=CLONING_WEIGHT_DECAY,
-        expert_weighting="ratio" if method == "gail-ratio" else "posterior",
+        expert_weighting="ratio" if method.endswith("-ratio") else "posterior",
     )
-    name = "gail-leverage" if method == "gail-ratio" else method
+    name = method.replace("-ratio", "-leverage")
     if cell.kind == "racetrack":
         data = TrainingData(demonstrations, known["racetrack"])
         trained = train(

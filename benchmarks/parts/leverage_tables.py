@@ -74,6 +74,7 @@ def racetrack_clones(lines: list[Line]) -> list[str]:
         ("shuffled", "default", "clone-shuffled"),
         ("before", "before", "clone-leverage"),
         ("default", "default", "clone-leverage"),
+        ("default, ratio", "default", "clone-ratio"),
         ("truth", "truth", "clone-leverage"),
     ]
     return _method_rows(lines, columns)
@@ -114,6 +115,7 @@ def rc_clones(lines: list[Line]) -> list[str]:
         ("labeled alone", None, "clone"),
         ("all alike", None, "clone-mixed"),
         ("default", "default", "clone-leverage"),
+        ("default, ratio", "default", "clone-ratio"),
         ("truth", "truth", "clone-leverage"),
     ):
         found = [
