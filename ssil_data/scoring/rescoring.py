@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import Any, overload
 
+import numpy as np
+
 from ssil_data.errors import InvalidInputError
 from ssil_data.leverage_model import LeverageModel
 from ssil_data.scoring.health import examine
@@ -112,5 +114,7 @@ def rescore(
     health = examine(leverage[~labeled], model.scale, labeled=None, held_out=None, unlabeled=None)
     inherited = {name: getattr(original, name) for name in _INHERITED}
     inherited["weak"] = tuple(dict.fromkeys([*original.weak, *health.weak]))
-    made = Made(model, streamed, pooled, leverage, health, known=labeled, inherited=inherited)
+    # it rests on no pair of this dataset
+    known = np.zeros(len(labeled), dtype=bool)
+    made = Made(model, streamed, pooled, leverage, health, known, inherited=inherited)
     return write_run(dataset, recipe, made, name=run, seed=original.seed, started_at=started_at)

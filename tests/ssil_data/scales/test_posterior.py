@@ -154,10 +154,32 @@ def test_a_tampered_record_is_refused(change: dict):
         from_json({**SOUND, **change})
 
 
-@pytest.mark.parametrize("share", [0, 1, -0.1, float("nan"), "half", True])
-def test_a_number_that_is_no_share_is_refused(share: object):
-    with pytest.raises(InvalidInputError, match="expert_share: expected "):
+@pytest.mark.parametrize(
+    ("share", "expected"),
+    [
+        (0, "0 < share < 1"),
+        (1, "0 < share < 1"),
+        (-0.1, "0 < share < 1"),
+        (float("nan"), "a finite number"),
+        ("half", "a finite number"),
+        (True, "a finite number"),
+    ],
+)
+def test_a_number_that_is_no_share_is_refused(share: object, expected: str):
+    with pytest.raises(InvalidInputError, match=f"expert_share: expected {expected}, found"):
         settings_from_json({"kind": "posterior", "expert_share": share})
+    with pytest.raises(InvalidInputError, match="expert_share: expected 0 < share < 1, found"):
+        Posterior(share)  # pyright: ignore[reportArgumentType]
+
+
+def test_an_outlier_does_not_ruin_the_scale():
+    rng = np.random.default_rng(400)
+    pool = np.concatenate([rng.normal(size=300), 6 + rng.normal(size=700)])
+    held_out = rng.normal(size=200)
+    plain = Posterior().fit(pool, held_out)
+    ruined = Posterior().fit(np.append(pool, 1e9), held_out)
+    assert ruined.expert_share == pytest.approx(plain.expert_share, abs=0.01)
+    np.testing.assert_allclose(ruined([0.0, 6.0, 1e9]), plain([0.0, 6.0, 1e9]), atol=0.05)
 
 
 def test_a_pool_of_nothing_is_refused_with_what_to_do():
