@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 from ssil_data.errors import ConflictError, SsilDataError
@@ -28,6 +28,8 @@ _ENDED_BY_SHUTDOWN = ("CrashError", "ShutdownError")
 _POLL_SECONDS = 0.05
 _KILL_SECONDS = 5.0
 """Time for jobs to end whose workers were killed."""
+_ADOPTION_SECONDS = 2.0
+"""Time between two looks for servers that died."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +90,7 @@ class JobQueue:
         self._registry = JobRegistry(self.journal)
         self._running_limit = running
         self._waiting_limit = waiting
+        self._closing = Event()
 
     # start and end
 
@@ -102,6 +105,43 @@ class JobQueue:
         self._registry.trim()
         for number in range(self._running_limit):
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
+        Thread(target=self._keep_adopting, args=(living,), name="adoption", daemon=True).start()
+
+    def _keep_adopting(self, living: set[str]) -> None:
+        """Adopt the jobs of servers that die while this one lives.
+
+        A server that was killed counts as alive until its last worker has ended, so the one that
+        is started in its place may come too early. Waiting jobs are left to others while this
+        server has no thread idle.
+        """
+        are_left = has_failed = False
+        while not self._closing.wait(_ADOPTION_SECONDS):
+            try:
+                with self.lease.adopt_orphans() as now:
+                    if are_left or living - now:
+                        are_left = self._adopt_late(now)
+                living = now
+                has_failed = False
+            except Exception:  # the disk is full, say: told once, and looked again
+                if not has_failed:
+                    log_event("jobs not adopted", level=logging.ERROR, trace=True)
+                has_failed = True
+
+    def _adopt_late(self, living: set[str]) -> bool:
+        """Adopt what this server has room for; return whether waiting jobs are left."""
+        are_left = False
+        for record in self.journal.all():
+            if record.has_ended or record.server in living:
+                continue
+            if record.state == "queued" and not self._is_idle():
+                are_left = True
+                continue
+            self._adopt(replace(record, server=self.lease.server))
+        return are_left
+
+    def _is_idle(self) -> bool:
+        counts = self.counts()
+        return counts["queued"] + counts["running"] < self._running_limit
 
     def _adopt(self, record: JobRecord) -> None:
         """Queue a job that a dead server left waiting; end one that it left running."""
@@ -123,6 +163,7 @@ class JobQueue:
         grace
             Seconds until the workers of running jobs are killed.
         """
+        self._closing.set()
         self._registry.close()
         self._wait_for_running(grace)
         self.pool.close()

@@ -1,8 +1,10 @@
 """Two servers on one store: each makes its own runs, and adopts the jobs of dead servers only."""
 
+import fcntl
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,15 @@ def until(http: httpx.Client, job: str, *states: str) -> dict[str, Any]:
         assert time.monotonic() < deadline, found
         time.sleep(0.05)
     return found
+
+
+@contextmanager
+def last_worker(folder: Path) -> Iterator[None]:
+    """Hold the only server's lock, as a worker does that has not ended yet."""
+    (lock,) = folder.glob(".service/servers/*/lock")
+    with lock.open() as handle:
+        fcntl.flock(handle, fcntl.LOCK_SH)
+        yield
 
 
 def listed(http: httpx.Client) -> list[dict[str, Any]]:
@@ -79,3 +90,27 @@ def test_a_server_that_starts_adopts_the_jobs_of_dead_servers_and_not_of_living_
             assert until(there, own, "cancelled")["error"] is None
             assert there.post(f"v1/jobs/{own}/cancel").json()["state"] == "cancelled"
     assert sd.Store(folder)["drives"].runs.names() == ["vae", "waiting"]
+
+
+def test_a_server_that_starts_before_the_dead_one_s_last_worker_ends_adopts_its_jobs_later(
+    folder: Path, serve: Callable[..., Server]
+):
+    dead = serve(folder, "--jobs", "1")
+    with httpx.Client(base_url=dead.url) as dying:
+        cut = dying.post(RUNS, json={**LONG, "run": "cut"}).json()["job"]
+        waiting = [
+            dying.post(RUNS, json={**quick(seed), "run": f"waiting-{seed}"}).json()["job"]
+            for seed in (1, 2)
+        ]
+        until(dying, cut, "running")
+    with ExitStack() as worker:
+        worker.enter_context(last_worker(folder))
+        dead.kill()
+        with embed(folder, jobs=1) as early:
+            there = early.connection.client
+            assert there.get(f"v1/jobs/{cut}").json()["state"] == "running"
+            worker.close()
+            assert until(there, cut, "failed")["error"]["kind"] == "ServerStoppedError"
+            # it has one thread, and takes the second when the first is done
+            names = [until(there, job, "succeeded")["run"] for job in waiting]
+    assert names == ["waiting-1", "waiting-2"]
