@@ -72,6 +72,50 @@ def shorten(values: NDArray[np.float32]) -> tuple[float, ...]:
     return tuple(np.where(same, short, values.astype(np.float64)).tolist())
 
 
+def is_finite(value: object) -> bool:
+    """Tell whether a value is a number, no truth value, that is finite as float64.
+
+    Parameters
+    ----------
+    value
+        Any.
+
+    Examples
+    --------
+    >>> from ssil_data.json_kinds import is_finite
+    >>> is_finite(2), is_finite(True), is_finite("2"), is_finite(10**400)
+    (True, False, False, False)
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def check_fields(name: str, value: Any) -> None:
+    """Raise InvalidInputError unless all fields of a dataclass are numbers as they are declared.
+
+    Parameters
+    ----------
+    name
+        What messages call the dataclass.
+    value
+        Its fields are declared as whole numbers, numbers, or sequences of numbers.
+
+    Examples
+    --------
+    >>> sd.Quantile(low=None)
+    Traceback (most recent call last):
+    ...
+    ssil_data.errors.InvalidInputError: quantile: low: expected a finite number, found None
+    """
+    hints = get_type_hints(type(value))
+    for field in fields(value):
+        _check_value(f"{name}: {field.name}", getattr(value, field.name), hints[field.name])
+
+
 def make_reader(
     name: str, kinds: Mapping[str, type[_Kind]]
 ) -> Callable[[Mapping[str, Any]], _Kind]:
@@ -151,19 +195,10 @@ def _check_value(name: str, value: Any, declared: Any) -> None:
         fits = isinstance(value, int) and not isinstance(value, bool) and value.bit_length() < 64
     elif declared in (float, float | None):
         expected = "a finite number"
-        fits = _is_finite(value)
+        fits = is_finite(value)
     else:
         expected = "a list of finite numbers"
-        fits = isinstance(value, list | tuple) and all(map(_is_finite, value))
+        listed = value.tolist() if isinstance(value, np.ndarray) else value
+        fits = isinstance(listed, list | tuple) and all(map(is_finite, listed))
     if not fits:
         raise InvalidInputError(f"{name}: expected {expected}, found {show_short(value)}")
-
-
-def _is_finite(value: Any) -> bool:
-    """Tell whether a value is a number that is finite as float64."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False

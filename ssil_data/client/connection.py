@@ -6,13 +6,14 @@ import itertools
 import random
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import httpx
 
 from ssil_data.client.error_kinds import error_of_status
 from ssil_data.errors import DamagedError, InvalidInputError, SsilDataError
+from ssil_data.json_kinds import show_short
 
 _BUSY = (429, 503)
 _REPEATABLE_METHODS = frozenset({"GET", "HEAD"})
@@ -49,6 +50,11 @@ class RetryPolicy:
     total
         Seconds after which no attempt begins.
 
+    Raises
+    ------
+    InvalidInputError
+        For what is no number, or a negative one.
+
     Examples
     --------
     >>> from ssil_data.client import RetryPolicy
@@ -60,6 +66,16 @@ class RetryPolicy:
     first: float = 0.05
     longest: float = 5.0
     total: float = 120.0
+
+    def __post_init__(self) -> None:
+        """Validate the seconds; infinitely many mean for ever."""
+        for field in fields(self):
+            seconds = getattr(self, field.name)
+            number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+            if not number or not seconds >= 0:
+                raise InvalidInputError(
+                    f"{field.name}: expected seconds, 0 or more, found {show_short(seconds)}"
+                )
 
     def seconds_before(self, attempt: int, announced: float) -> float:
         """Return how long to wait before another attempt.

@@ -214,8 +214,11 @@ def check_fit_input(labeled: Pairs, seed: int) -> None:
     check_pairs("labeled", labeled)
     if len(labeled) < 2:
         raise InvalidInputError(f"labeled: expected at least 2 pairs, found {len(labeled)}")
-    if not 0 <= seed < 2**63:
-        raise InvalidInputError(f"seed: expected a number from 0 to 2^63 - 1, found {seed}")
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if not whole or not 0 <= seed < 2**63:
+        raise InvalidInputError(
+            f"seed: expected a whole number from 0 to 2^63 - 1, found {show_short(seed)}"
+        )
 
 
 def apply_in_blocks(formula: Callable[..., NDArray], *arrays: NDArray) -> NDArray:

@@ -16,6 +16,7 @@ from ssil_data.estimators.gpr import GPR
 from ssil_data.estimators.mdn import MDN
 from ssil_data.estimators.unlabeled import UnlabeledSample
 from ssil_data.estimators.vae import WindowVAE
+from ssil_data.json_kinds import show_short
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
 
@@ -60,14 +61,18 @@ class Ensemble(Estimator):
 
     def __post_init__(self) -> None:
         """Validate the members; without any, those that measured best together are taken."""
-        members = tuple(self.members) or _choose_members()
+        given = self.members
+        if not isinstance(given, list | tuple) or not all(isinstance(m, Estimator) for m in given):
+            raise InvalidInputError(
+                "ensemble: members: expected estimators such as (sd.VAE(), sd.Contrast()), "
+                f"found {show_short(given)}"
+            )
+        members = tuple(given) or _choose_members()
         object.__setattr__(self, "members", members)
-        if not all(isinstance(member, Estimator) for member in members):
-            raise InvalidInputError(f"ensemble: expected estimators as members, found {members}")
         kinds = [member.kind for member in members]
         if len(kinds) < 2 or len(set(kinds)) != len(kinds) or self.kind in kinds:
             raise InvalidInputError(
-                f"ensemble: expected two or more members of different kinds, found {kinds}"
+                f"ensemble: members: expected two or more of different kinds, found {kinds}"
             )
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import shorten, show_short
+from ssil_data.json_kinds import check_fields, shorten, show_short
 from ssil_data.pooling.base import FittedPooling, Pooling, cut_chunks, find_starts
 from ssil_data.pooling.forward_backward import infer
 
@@ -62,8 +62,8 @@ class HiddenMarkov(Pooling):
 
     def __post_init__(self) -> None:
         """Validate the settings."""
-        whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
-        if not whole or not 2 <= self.bins <= MOST_BINS:
+        check_fields(self.kind, self)
+        if not 2 <= self.bins <= MOST_BINS:
             raise InvalidInputError(
                 f"hmm: bins: expected a whole number from 2 to {MOST_BINS:,}, "
                 f"found {show_short(self.bins)}"
@@ -139,6 +139,7 @@ class FittedHiddenMarkov(FittedPooling):
 
     def __post_init__(self) -> None:
         """Validate the numbers and keep the sequences as tuples."""
+        check_fields(self.kind, self)
         with np.errstate(over="ignore"):
             edges = np.asarray(self.edges, dtype=np.float32)
         ratio = np.asarray(self.log_ratio, dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import shorten, show_short
+from ssil_data.json_kinds import check_fields, shorten, show_short
 from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
@@ -101,6 +101,7 @@ class FittedWindow(FittedPooling):
 
     def __post_init__(self) -> None:
         """Validate the knots and keep them as a tuple."""
+        check_fields(self.kind, self)
         with np.errstate(over="ignore"):
             knots = np.asarray(self.knots, dtype=np.float32)
         sound = knots.shape == (KNOTS,) and np.isfinite(knots).all() and (np.diff(knots) >= 0).all()

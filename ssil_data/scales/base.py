@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import show_short
 
 
 class Scale(ABC):
@@ -78,7 +79,7 @@ class FittedScale(ABC):
 
 def check_numbers(values: ArrayLike) -> NDArray[np.float64]:
     """Return a vector without NaN; infinity is allowed."""
-    numbers = np.asarray(values, dtype=np.float64)
+    numbers = read_numbers("uncertainty", values)
     if numbers.ndim != 1 or np.isnan(numbers).any():
         raise InvalidInputError(
             f"uncertainty: expected one number per pair, none NaN, found shape {numbers.shape}"
@@ -88,10 +89,26 @@ def check_numbers(values: ArrayLike) -> NDArray[np.float64]:
 
 def check_finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return a vector of one finite number or more."""
-    numbers = np.asarray(values, dtype=np.float64)
+    numbers = read_numbers(name, values)
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
         raise InvalidInputError(
             f"{name}: expected one finite number or more, found shape {numbers.shape} "
             f"with {np.count_nonzero(~np.isfinite(numbers))} not finite"
         )
     return numbers
+
+
+def read_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return numbers as float64, of any shape, finite or not.
+
+    Parameters
+    ----------
+    name
+        What a message calls them.
+    values
+        What numpy takes for numbers; anything else is refused.
+    """
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{name}: expected numbers, found {show_short(values)}") from None

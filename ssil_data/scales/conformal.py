@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import check_fields
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
 
 
@@ -44,6 +45,7 @@ class Conformal(Scale):
 
     def __post_init__(self) -> None:
         """Validate 0 < held_out < 1."""
+        check_fields(self.kind, self)
         if not 0 < self.held_out < 1:
             raise InvalidInputError(f"held_out: expected 0 < share < 1, found {self.held_out}")
 
@@ -96,6 +98,7 @@ class Rank(FittedScale):
 
     def __post_init__(self) -> None:
         """Validate and keep the residuals as a sorted tuple of floats."""
+        check_fields(self.kind, self)
         residuals = check_finite("residuals", self.residuals)
         object.__setattr__(self, "residuals", tuple(np.sort(residuals).tolist()))
 

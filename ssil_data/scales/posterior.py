@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import check_fields, show_short
 from ssil_data.ranks import interpolate
-from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
+from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers, read_numbers
 
 TILT_OF_EXPERTS = 0.02
 """Sure experts differ by at most this, which is far below what a chance is known to."""
@@ -62,7 +63,9 @@ class Posterior(Scale):
             return
         number = isinstance(share, int | float) and not isinstance(share, bool)
         if not number or not 0 < share < 1:
-            raise InvalidInputError(f"expert_share: expected 0 < share < 1, found {share!r}")
+            raise InvalidInputError(
+                f"expert_share: expected 0 < share < 1, found {show_short(share)}"
+            )
         object.__setattr__(self, "expert_share", float(share))
 
     def fit(
@@ -90,7 +93,7 @@ class Posterior(Scale):
         """
         from ssil_data.scales.expert_share import Density, bound_share, find_cuts
 
-        values = np.asarray(pool_uncertainty, dtype=np.float64)
+        values = read_numbers("unlabeled uncertainty", pool_uncertainty)
         if not values.size:
             raise InvalidInputError(
                 "posterior: needs unlabeled pairs, and every pair is labeled; choose another "
@@ -159,6 +162,7 @@ class Chance(FittedScale):
 
     def __post_init__(self) -> None:
         """Validate the table and keep it as tuples."""
+        check_fields(self.kind, self)
         places = check_finite("chance: uncertainty", self.uncertainty)
         chance = check_finite("chance: chance", self.chance)
         interval = check_finite("chance: interval", self.interval)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import check_fields
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers
 
 
@@ -80,6 +81,7 @@ class Quantile(Scale):
 
     def __post_init__(self) -> None:
         """Validate 0 ≤ low < high ≤ 1."""
+        check_fields(self.kind, self)
         if not 0 <= self.low < self.high <= 1:
             raise InvalidInputError(
                 f"quantile: expected 0 <= low < high <= 1, found low {self.low}, high {self.high}"
@@ -129,6 +131,7 @@ class Ramp(FittedScale):
 
     def __post_init__(self) -> None:
         """Validate finite ends in order."""
+        check_fields(self.kind, self)
         if not (np.isfinite(self.high - self.low) and self.low <= self.high):
             raise InvalidInputError(
                 f"ramp: expected finite low <= high, found low {self.low}, high {self.high}"

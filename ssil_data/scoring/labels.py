@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import show_short
 from ssil_data.scoring.recipes import Recipe
 
 
@@ -50,7 +51,7 @@ def check_label_count(count: int, labeled: int) -> None:
     if not whole or not 2 <= count <= labeled:
         raise InvalidInputError(
             f"labels: expected a whole number from 2 to {labeled}, the labeled pairs, "
-            f"found {count!r}"
+            f"found {show_short(count)}"
         )
 
 

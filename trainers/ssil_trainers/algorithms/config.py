@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import is_finite, show_short
 from ssil_data.kernels import check_alpha
 
 _MAY_BE_ZERO = frozenset(
@@ -139,7 +140,7 @@ class TrainSettings:
     Raises
     ------
     InvalidInputError
-        For a number that is out of range.
+        For a value of another type, or a number that is out of range.
 
     Examples
     --------
@@ -188,12 +189,14 @@ class TrainSettings:
     evaluations: int = 8
 
     def __post_init__(self) -> None:
-        """Validate every number."""
+        """Validate every value."""
         for field in fields(self):
             value = getattr(self, field.name)
-            required = _find_violated_range(field.name, value, is_switch=field.type == "bool")
+            required = _find_violated_range(field.name, value, str(field.type))
             if required:
-                raise InvalidInputError(f"{field.name}: expected {required}, found {value}")
+                raise InvalidInputError(
+                    f"{field.name}: expected {required}, found {show_short(value)}"
+                )
         if self.cloning_rate * self.cloning_weight_decay > 1:
             raise InvalidInputError(
                 "cloning_weight_decay: expected at most 1 / cloning_rate, "
@@ -206,27 +209,33 @@ class TrainSettings:
         return math.ceil(self.steps / (self.environments * self.horizon))
 
 
-def _find_violated_range(name: str, value: Any, *, is_switch: bool) -> str:
-    """Return which range a setting leaves, in words; an empty text for one within its range."""
+def _find_violated_range(name: str, value: Any, declared: str) -> str:
+    """Return which type or range a setting leaves, in words; an empty text for one that fits."""
     if name == "expert_weighting":
-        return "" if value in get_args(Weighting) else f"one of {', '.join(get_args(Weighting))}"
+        kinds = get_args(Weighting)
+        return "" if isinstance(value, str) and value in kinds else f"one of {', '.join(kinds)}"
     if name == "cor_alpha":
-        return "" if value == "auto" else _find_violated_alpha(value)
+        return _find_violated_alpha(value)
+    if declared == "bool":
+        return "" if isinstance(value, bool) else "true or false"
+    number = "a whole number" if declared == "int" else "a number"
+    fits = is_finite(value) and (declared != "int" or isinstance(value, int))
     if name == "odds_limit":
-        return "" if math.isfinite(value) and value > 1 else "a number above 1"
+        return "" if fits and value > 1 else f"{number} above 1"
     if name == "log_sigma":
-        return "" if math.isfinite(value) else "a finite number"
-    if not math.isfinite(value) or value < 0:
-        return "a number of at least 0"
-    if value == 0 and name not in _MAY_BE_ZERO and not is_switch:
-        return "a number above 0"
+        return "" if fits else "a finite number"
+    may_be_zero = name in _MAY_BE_ZERO
+    if not fits or value < 0 or (value == 0 and not may_be_zero):
+        return f"{number} of at least 0" if may_be_zero else f"{number} above 0"
     return "at most 1" if value > 1 and name in _AT_MOST_ONE else ""
 
 
 def _find_violated_alpha(value: Any) -> str:
-    """Return what a sharpness other than `auto` has to be; an empty text for one that is."""
+    """Return what a sharpness has to be; an empty text for one that is."""
+    if isinstance(value, str) and value == "auto":
+        return ""
     try:
-        check_alpha(value)
-    except (InvalidInputError, TypeError):
+        check_alpha(float(value) if is_finite(value) else math.nan)
+    except InvalidInputError:
         return "auto or a number from 1e-06 to 1e+08"
     return ""
