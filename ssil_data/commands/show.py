@@ -15,10 +15,7 @@ from ssil_data.commands.output import (
 )
 from ssil_data.quality import measure_quality
 from ssil_data.store.dataset import Dataset
-from ssil_data.store.run_record import Run
-
-UNCHECKED = "unchecked"
-"""What stands for the held-out AUROC of a run that judged no labeled pairs which it held out."""
+from ssil_data.store.run_record import UNCHECKED, Run
 
 
 def show(

@@ -9,6 +9,7 @@ from ssil_data.report.bins import Rows
 from ssil_data.report.evidence import Evidence, ScoredRun
 from ssil_data.report.style import Spec
 from ssil_data.report.trust_chart import draw_trust
+from ssil_data.store.run_record import UNCHECKED
 
 
 def describe_trust(evidence: Evidence) -> dict[str, Any]:
@@ -23,12 +24,14 @@ def describe_trust(evidence: Evidence) -> dict[str, Any]:
     -------
     dict
         `health` has a row for each run, `trust` the chart, None where there is nothing to draw,
-        `tiered` and `shares` say what the chart has, `weak` has the runs that are.
+        `tiered` and `shares` say what the chart has, `weak` has the runs that are, `unchecked`
+        is what stands for a held-out AUROC that is not known.
     """
     return {
         "tiered": evidence.chosen.quality.true_expert_share is not None,
         "shares": any(run.run.expert_share is not None for run in evidence.runs),
         "health": [_describe_run(run) for run in evidence.runs],
+        "unchecked": UNCHECKED,
         "trust": _draw(evidence),
         "weak": [run for run in evidence.runs if run.run.weak],
     }

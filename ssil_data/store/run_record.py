@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+UNCHECKED = "unchecked"
+"""What stands for the held-out AUROC of a run that judged no labeled pairs which it held out."""
+
 
 @dataclass(frozen=True)
 class Run:

@@ -17,6 +17,8 @@ from ssil_data.report.trust import describe_trust
 from ssil_data.scoring import Recipe, preset, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
+from ssil_data.store.run_record import UNCHECKED
+from support.command_line import run
 from support.demonstrations import drive
 from support.report_page import create_plain, read_report, silent
 
@@ -50,6 +52,25 @@ def test_a_run_that_knows_nothing_of_itself_has_dashes(dataset: Dataset, tmp_pat
     (row,) = describe_trust(Evidence.of(dataset, silent))["health"]
     assert (row["share"], row["interval"], row["auroc"], row["perfect"]) == (None,) * 4
     assert "Estimated expert share" not in read_report(dataset, tmp_path).text
+
+
+def test_a_held_out_auroc_that_is_not_known_is_told_by_the_word_of_the_command(
+    dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    held_out = score(dataset, GAUSSIAN, run="checked").held_out_auroc
+    score(dataset, VAE(steps=20), run="plain")
+    write_report(dataset, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text("utf-8")
+    section = html.split('<section id="trust">')[1].split("</section>")[0]
+    cells = {
+        row.split("<")[0]: re.findall(r'<td class="number">([^<]*)</td>', row)
+        for row in section.split('class="name">')[1:]
+    }
+    assert run("show", dataset.name, "--store", dataset.folder.uri.rsplit("/", 1)[0]) == 0
+    assert UNCHECKED in capsys.readouterr().out
+    assert cells["plain"][-2] == UNCHECKED
+    assert cells["checked"][-2] == f"{held_out:.3f}"
+    assert f"“{UNCHECKED}”: none were held out" in section
 
 
 def test_a_weak_run_is_marked_with_its_reasons_at_the_top_of_its_sections(
