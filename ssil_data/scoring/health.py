@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,7 @@ def examine(
     labeled: Pairs | None,
     held_out: NDArray[np.float32] | None,
     unlabeled: UnlabeledSample | None,
+    doubts: Sequence[str] = (),
 ) -> Health:
     """Say how good a run can be.
 
@@ -86,6 +88,8 @@ def examine(
         Leverage of labeled pairs that the estimator was not fitted on, (m,); None for none.
     unlabeled
         A sample of the unlabeled pairs; None for none.
+    doubts
+        Further reasons not to trust the run.
 
     Returns
     -------
@@ -107,7 +111,7 @@ def examine(
             reasons += find_poor_labels(labeled, unlabeled)
             reasons += _find_lone_dimension(labeled, unlabeled)
     reasons += _find_untold(auroc, chance)
-    reasons += _find_flat(leverage, chance)
+    reasons += [*_find_flat(leverage, chance), *doubts]
     return Health(
         labeled_episodes=0 if labeled is None else len(np.unique(labeled.episode)),
         expert_share=None if chance is None else chance.expert_share,
@@ -180,7 +184,7 @@ def _find_flat(leverage: NDArray[np.float32], chance: Chance | None) -> list[str
     """Say if leverage is almost the same for all, or the share of experts is at its bound."""
     reasons = []
     if chance is not None and not AT_BOUND <= chance.expert_share <= 1 - AT_BOUND:
-        reasons.append(f"the estimated expert share, {chance.expert_share:.4f}, is at its bound")
+        reasons.append(f"the expert share, {chance.expert_share:.4f}, is at its bound")
     if not len(leverage):
         reasons.append("no pair is unlabeled, so there is nothing to compare with")
     elif len(leverage) < FEWEST_PAIRS:

@@ -21,6 +21,7 @@ from ssil_data.scoring.recipes import Recipe, preset
 from ssil_data.scoring.run_writer import Made, scale_all, write_run
 from ssil_data.scoring.self_training import choose_purest, collect_pairs, join_labeled
 from ssil_data.scoring.served import Progress, ServedDataset, ignore_progress
+from ssil_data.scoring.stated_share import find_misfit
 from ssil_data.scoring.streaming import stream_dataset
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.run_record import Run
@@ -141,11 +142,8 @@ def _score_once(
         held_out = pools(fitted.uncertainty(calibration).total, calibration.episode)
     elif ranks is not None:
         held_out = np.quantile(pooled[pool], ranks).astype(np.float32)
-    scale = recipe.scale.fit(
-        pooled[pool] if recipe.scale.of_unlabeled else pooled[pool | known],
-        held_out,
-        stretch=pools.stretch,
-    )
+    rows = pool if recipe.scale.of_unlabeled else pool | known
+    scale = recipe.scale.fit(pooled[rows], held_out, stretch=pools.stretch)
     model = LeverageModel(fitted, scale, pools)
     health = examine(
         scale(pooled[~is_labeled]),
@@ -153,6 +151,7 @@ def _score_once(
         labeled=labeled,
         held_out=None if held_out is None else scale(held_out),
         unlabeled=unlabeled,
+        doubts=find_misfit(recipe.scale, pooled[rows], held_out, stretch=pools.stretch),
     )
     leverage = scale_all(model, pooled, known, labeled_is_one=recipe.labeled_is_one)
     return Made(model, streamed, pooled, leverage, health, known)
