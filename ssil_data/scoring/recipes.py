@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,20 +9,13 @@ from typing import Any
 from ssil_data import pooling as poolings
 from ssil_data import scales
 from ssil_data.errors import InvalidInputError
-from ssil_data.estimators import ESTIMATORS, GPR, MDN, Ensemble, Estimator, from_json, to_json
+from ssil_data.estimators import Estimator, from_json, to_json
 from ssil_data.json_kinds import show_short
-from ssil_data.pooling import NoPooling, Pooling, Window
-from ssil_data.scales import MinMax, Posterior, Quantile, Scale
+from ssil_data.pooling import NoPooling, Pooling
+from ssil_data.scales import Posterior, Quantile, Scale
+from ssil_data.scoring.presets import PAPER_KINDS, PRESETS, choose_parts
+from ssil_data.scoring.recipe_checks import check_floor, check_part, check_switch, make_default
 from ssil_data.store.run_record import Run
-
-PRESETS = ("default", "paper")
-"""The names of the presets."""
-
-PAPER_KINDS = ("vae", "windowvae", "mdn", "gpr")
-"""The paper's estimators."""
-
-SCALE_FLOOR = 0.3
-"""Least scale of a dimension in the preset `default`, as a share of its deviation in the pool."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +67,13 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Validate the type of every part, and the scale floor."""
-        _check_part("estimator", self.estimator, Estimator, "sd.WindowVAE()")
-        _check_part("scale", self.scale, Scale, "sd.Posterior()")
-        _check_part("pooling", self.pooling, Pooling, "sd.Window()")
+        check_part("estimator", self.estimator, Estimator, "sd.WindowVAE()")
+        check_part("scale", self.scale, Scale, "sd.Posterior()")
+        check_part("pooling", self.pooling, Pooling, "sd.Window()")
         for name in ("labeled_is_one", "cross_fit", "self_training"):
-            _check_switch(name, getattr(self, name))
-        number = self.scale_floor
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise InvalidInputError(f"scale_floor: expected a number, found {show_short(number)}")
-        if not 0 <= number <= sys.float_info.max:
-            raise InvalidInputError(f"scale_floor: expected 0 or more, found {show_short(number)}")
-        object.__setattr__(self, "scale_floor", float(number))
+            check_switch(name, getattr(self, name))
+        check_floor("scale_floor", self.scale_floor)
+        object.__setattr__(self, "scale_floor", float(self.scale_floor))
         if self.self_training and not isinstance(self.scale, Posterior):
             raise InvalidInputError(
                 "self_training: needs leverage that is a chance, so the posterior scale; the scale "
@@ -209,8 +197,8 @@ class Recipe:
         Raises
         ------
         InvalidInputError
-            For surprisal of an estimator that has none, or a share with another scale than the
-            posterior.
+            For an unknown kind, surprisal of an estimator that has none, or a share with another
+            scale than the posterior.
         """
         estimator = self.estimator
         if surprisal is not None:
@@ -219,29 +207,17 @@ class Recipe:
                     f"surprisal: expected the estimator mdn or gpr, found {estimator.kind}"
                 )
             estimator = replace(estimator, surprisal=surprisal)
-        chosen = self.scale if scale is None else scales.SCALES[scale]()
+        chosen = self.scale if scale is None else make_default("scale", scale, scales.SCALES)
         if expert_share is not None:
             if not isinstance(chosen, Posterior):
                 raise InvalidInputError(
                     f"expert_share: only the posterior scale takes one, the scale is {chosen.kind}"
                 )
             chosen = replace(chosen, expert_share=expert_share)
-        pooled = self.pooling if pooling is None else poolings.POOLINGS[pooling]()
+        pooled = self.pooling
+        if pooling is not None:
+            pooled = make_default("pooling", pooling, poolings.POOLINGS)
         return replace(self, estimator=estimator, scale=chosen, pooling=pooled)
-
-
-def _check_part(name: str, value: object, expected: type, example: str) -> None:
-    """Raise InvalidInputError for a part of another type, such as the name of its kind."""
-    if not isinstance(value, expected):
-        raise InvalidInputError(
-            f"{name}: expected {expected.__name__.lower()} settings such as {example}, "
-            f"found {show_short(value)}"
-        )
-
-
-def _check_switch(name: str, value: object) -> None:
-    if not isinstance(value, bool):
-        raise InvalidInputError(f"{name}: expected true or false, found {show_short(value)}")
 
 
 def preset(name: str, kind: str | None = None) -> Recipe:
@@ -270,28 +246,4 @@ def preset(name: str, kind: str | None = None) -> Recipe:
     >>> sd.score(dataset, sd.preset("paper", "vae"), seed=0).preset
     'paper'
     """
-    if name not in PRESETS:
-        raise InvalidInputError(f"preset: expected one of {sorted(PRESETS)}, found {name!r}")
-    if kind is None:
-        if name == "paper":
-            raise InvalidInputError(
-                f"preset paper: needs an estimator; name one of the paper's, {list(PAPER_KINDS)}"
-            )
-        kind = Ensemble.kind
-    if kind not in ESTIMATORS:
-        raise InvalidInputError(f"estimator: expected one of {sorted(ESTIMATORS)}, found {kind!r}")
-    if name == "paper":
-        if kind not in PAPER_KINDS:
-            raise InvalidInputError(
-                f"preset paper: expected one of the paper's estimators {list(PAPER_KINDS)}, "
-                f"found {kind!r}"
-            )
-        return Recipe(ESTIMATORS[kind](), MinMax(), labeled_is_one=True)
-    estimator = {MDN.kind: MDN(surprisal=True), GPR.kind: GPR(surprisal=True)}.get(kind)
-    return Recipe(
-        estimator=estimator or ESTIMATORS[kind](),
-        scale=Posterior(),
-        pooling=Window(),
-        scale_floor=SCALE_FLOOR,
-        cross_fit=True,
-    )
+    return Recipe(**choose_parts(name, kind))

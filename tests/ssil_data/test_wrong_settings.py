@@ -110,3 +110,17 @@ def test_uncertainty_that_is_no_numbers_is_refused(kind: type[Any], wrong: Any):
         kind().fit(wrong)
     with pytest.raises(InvalidInputError, match=r"uncertainty: expected "):
         kind().fit(UNCERTAINTY, UNCERTAINTY[:50])(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["x", [], {}, 5, True], ids=str)
+def test_a_name_of_no_kind_is_refused(wrong: Any):
+    recipe = sd.preset("default")
+    calls = {
+        "preset": lambda: sd.preset(wrong, "vae"),
+        "estimator": lambda: sd.preset("default", wrong),
+        "scale": lambda: recipe.with_options(scale=wrong),
+        "pooling": lambda: recipe.with_options(pooling=wrong),
+    }
+    for name, call in calls.items():
+        with pytest.raises(InvalidInputError, match=rf"^{name}: expected one of \[.*found"):
+            call()

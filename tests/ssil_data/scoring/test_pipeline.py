@@ -18,7 +18,7 @@ from ssil_data.estimators import (
 )
 from ssil_data.scales import Conformal, MinMax
 from ssil_data.scoring import Recipe, preset, rescore, score
-from ssil_data.scoring.recipes import PAPER_KINDS
+from ssil_data.scoring.presets import PAPER_KINDS
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives

@@ -11,7 +11,7 @@ from ssil_data.estimators import ESTIMATORS, MDN, VAE, Ensemble
 from ssil_data.pooling import HiddenMarkov, NoPooling, Window
 from ssil_data.scales import Conformal, Posterior, Quantile
 from ssil_data.scoring import PRESETS, Recipe, preset, score
-from ssil_data.scoring.recipes import PAPER_KINDS
+from ssil_data.scoring.presets import PAPER_KINDS
 from ssil_data.store.dataset import Dataset
 
 NAMED = [
