@@ -13,6 +13,7 @@ from ssil_data.client import ServiceError
 from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.algorithms.methods import MethodName
+from ssil_trainers.algorithms.unused_settings import check_used
 from ssil_trainers.envs.registry import find_spec, make_vectorized
 from ssil_trainers.training.checkpoint import CHECKPOINT
 from ssil_trainers.training.data_source import DataSource, load_training_data
@@ -34,6 +35,8 @@ def train(
     json: AsJson = False,
 ) -> None:
     """Train a policy on demonstrations; no method reads the environment's reward.
+
+    An option that the method does not use is refused, but for those that say what a run may cost.
 
     Parameters
     ----------
@@ -58,6 +61,7 @@ def train(
         a checkpoint, start from the beginning and say so.
     """
     find_spec(env)
+    check_used(method, settings)
     settings = replace(settings, **PAPER) if preset == "paper" else settings
     folder = output or _default_folder(method, env, source, settings.seed)
     if resume and not (folder / CHECKPOINT).exists():
