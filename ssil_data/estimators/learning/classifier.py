@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import softplus
 
+from ssil_data.estimators.learning.adam import Adam
 from ssil_data.estimators.learning.descent import network, perceptron, reproducible
 from ssil_data.estimators.perceptron import Perceptron
 
@@ -53,8 +54,7 @@ def learn(
     others = torch.from_numpy(unlabeled)
     with reproducible(seed):
         classifier = network(labeled.shape[1], hidden, 1)
-        optimizer = torch.optim.Adam(classifier.parameters(), lr=rate, fused=True)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+        adam = Adam(classifier.parameters(), steps=steps, rate=rate)
         for _ in range(steps):
             expert = ours[torch.randint(len(ours), (batch,))]
             other = others[torch.randint(len(others), (batch,))]
@@ -62,11 +62,8 @@ def learn(
             loss = _non_negative_risk(high, low, share)
             mix = torch.rand(batch, 1)
             slopes = _slopes(classifier, mix * expert + (1 - mix) * other)
-            loss = loss + gradient_penalty * (slopes - 1).clamp(min=0).square().mean()
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
+            penalty = (slopes - 1).clamp(min=0).square().mean()
+            adam.step(loss + gradient_penalty * penalty)
     return perceptron(classifier)
 
 

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from ssil_data.estimators.learning.adam import Adam
 from ssil_data.estimators.perceptron import Perceptron
 
 _ONE_AT_A_TIME = Lock()
@@ -113,12 +114,8 @@ def take_steps(
         How many steps are taken.
     """
     parameters = [parameter for network in networks for parameter in network.parameters()]
-    optimizer = torch.optim.Adam(parameters, lr=rate, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    adam = Adam(parameters, steps=steps, rate=rate)
     tensors = [torch.from_numpy(array) for array in data]
     for done, rows in enumerate(torch.randint(len(data[0]), (steps, batch)), start=1):
-        optimizer.zero_grad()
-        loss(*(tensor[rows] for tensor in tensors)).backward()
-        optimizer.step()
-        schedule.step()
+        adam.step(loss(*(tensor[rows] for tensor in tensors)))
         yield done

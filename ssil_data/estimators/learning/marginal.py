@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 
 import gpytorch
@@ -16,6 +17,12 @@ from torch import Tensor
 
 from ssil_data.estimators.gaussian_process import Kernel
 from ssil_data.estimators.learning.descent import reproducible
+
+
+class _LBFGS(torch.optim.LBFGS):
+    """Torch's, which would import torch's compiler: a second in a new process, for nothing here."""
+
+    add_param_group = inspect.unwrap(torch.optim.Optimizer.add_param_group)
 
 
 class _Process(gpytorch.models.ExactGP):
@@ -60,10 +67,10 @@ def learn(
     likelihood = GaussianLikelihood(noise_constraint=floor, batch_shape=y.shape[:1])
     process = _Process(x, y, likelihood).double()
     evidence = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, process)
-    descent = torch.optim.LBFGS(process.parameters(), max_iter=steps, line_search_fn="strong_wolfe")
+    descent = _LBFGS(process.parameters(), max_iter=steps, line_search_fn="strong_wolfe")
 
     def loss() -> Tensor:
-        descent.zero_grad()
+        process.zero_grad()
         surprisal = -evidence.forward(process(x), y).sum()
         surprisal.backward()
         return surprisal
