@@ -69,7 +69,7 @@ class RetryPolicy:
 
     def __post_init__(self) -> None:
         """Validate the seconds; infinitely many mean for ever."""
-        for field in fields(self):
+        for field in fields(RetryPolicy):  # a subclass may have others
             seconds = getattr(self, field.name)
             number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
             if not number or not seconds >= 0:

@@ -72,7 +72,7 @@ class Ensemble(Estimator):
         kinds = [member.kind for member in members]
         if len(kinds) < 2 or len(set(kinds)) != len(kinds) or self.kind in kinds:
             raise InvalidInputError(
-                f"ensemble: members: expected two or more of different kinds, found {kinds}"
+                f"ensemble: expected two or more members of different kinds, found {kinds}"
             )
 
     @property
