@@ -61,9 +61,10 @@ def test_nothing_else_is_in_the_wheel(wheel: Path):
 
 @pytest.mark.slow
 def test_the_wheel_works_in_a_fresh_environment(wheel: Path, tmp_path: Path):
-    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     binaries = tmp_path / "venv" / "bin"
-    install = [binaries / "pip", "install", "--quiet", "--no-deps", "--no-index", wheel]
+    pip = [sys.executable, "-m", "pip", "--python", binaries / "python"]
+    install = [*pip, "install", "--quiet", "--no-deps", "--no-index", "--no-compile", wheel]
     subprocess.run(install, check=True)
     # the dependencies are those of the running environment; the checkout itself is not among them
     packages = next((tmp_path / "venv" / "lib").glob("python*")) / "site-packages"

@@ -125,7 +125,7 @@ def _fit_body(body, *, infers):
         body["self_training"] = given is None and "scale" not in body and "estimator" not in body
     if isinstance(body.get("estimator"), dict):
         body["estimator"] = _with_different_members(body["estimator"])
-    if isinstance(body.get("labels"), int):
+    if _is_number(body.get("labels")):  # a whole number may be drawn as 1e12
         body["labels"] = min(body["labels"], 120)
     if isinstance(body.get("version"), str) and len(body["version"]) == 16:
         del body["version"]

@@ -66,7 +66,7 @@ def test_ppo_learns_it_out_of_the_box() -> None:
     learner = PPO("MlpPolicy", make_vec_env("SSILRacetrack-v0", 8, seed=0), n_steps=256, seed=0)
     test = make_vec_env("SSILRacetrack-v0", 1, seed=100)
     before, _ = evaluate_policy(learner, test, n_eval_episodes=3, return_episode_rewards=True)
-    learner.learn(12_000)
+    learner.learn(8_192)
     after, _ = evaluate_policy(learner, test, n_eval_episodes=3, return_episode_rewards=True)
     # 1,000 steps as fast as the car goes are worth about 20,000.
     assert np.mean(before) < 2_000
