@@ -24,14 +24,14 @@ from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 values = st.lists(st.integers(0, 20), min_size=3, max_size=60)
 
 
-@settings(deadline=None)  # the first call imports scipy
+@settings(deadline=None)  # on a busy machine any call may wait
 @given(values, values)
 def test_auroc_is_scikit_learns(high: list[int], low: list[int]):
     truth = [1] * len(high) + [0] * len(low)
     assert auroc(high, low) == pytest.approx(roc_auc_score(truth, high + low))
 
 
-@settings(deadline=None)  # the first call imports scipy
+@settings(deadline=None)  # on a busy machine any call may wait
 @given(values, values)
 def test_auroc_is_the_share_of_pairs_in_the_right_order(high: list[int], low: list[int]):
     wins = sum((one > other) + (one == other) / 2 for one in high for other in low)
@@ -45,7 +45,7 @@ def ranks(values: list[int]) -> list[float]:
     ]
 
 
-@settings(deadline=None)  # the first call imports scipy
+@settings(deadline=None)  # on a busy machine any call may wait
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=60))
 def test_spearman_is_the_correlation_of_the_ranks(pairs: list[tuple[int, int]]):
     left, right = map(list, zip(*pairs, strict=True))
