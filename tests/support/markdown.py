@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,13 +55,18 @@ def read_blocks(page: Path) -> list[Block]:
 
 
 def run_page(page: Path, folder: Path, binaries: Path | None = None) -> str:
-    """Run the blocks of a page, in their order and in one shell, and return what they print.
+    """Run the blocks of a page, see `run_blocks`."""
+    return run_blocks(read_blocks(page), folder, binaries)
+
+
+def run_blocks(blocks: Sequence[Block], folder: Path, binaries: Path | None = None) -> str:
+    """Run blocks, in their order and in one shell, and return what they print.
 
     Servers that a block starts in the background are ended with the shell. Commands are looked for
     in `binaries` first, if given.
     """
     script = ["trap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT"]
-    for block in read_blocks(page):
+    for block in blocks:
         if block.language == "sh":
             script.append(block.code)
         elif block.language == "python":
@@ -75,7 +81,7 @@ def run_page(page: Path, folder: Path, binaries: Path | None = None) -> str:
         text=True,
         check=False,
     )
-    assert done.returncode == 0, f"{page.name}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    assert done.returncode == 0, f"{code}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
     return done.stdout
 
 

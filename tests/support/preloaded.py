@@ -9,6 +9,7 @@ by signals, are started as they are.
 from __future__ import annotations
 
 import array
+import importlib
 import json
 import os
 import socket
@@ -86,7 +87,9 @@ def preload(folder: Path) -> Iterator[Path]:
 def serve(address: str) -> None:
     """Import, then fork for every order that arrives at the address."""
     for name in IMPORTS:
-        __import__(name)
+        importlib.import_module(name)
+    rendering = importlib.import_module("ssil_data.report.rendering")
+    rendering._bundle()  # the scripts of a report, remembered: no fork makes them again
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(address)
         listener.listen()
