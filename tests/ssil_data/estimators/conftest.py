@@ -1,6 +1,7 @@
 """Demonstrations whose quality is known, and every estimator fitted to the best of them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,6 +95,13 @@ NAMES = [
 def estimator(request: pytest.FixtureRequest) -> Estimator:
     """Each estimator in turn."""
     return request.param
+
+
+@pytest.fixture(scope="session")
+def brief(estimator: Estimator) -> Estimator:
+    """The same, learned for a shorter time: for what does not depend on how well it has learned."""
+    steps = getattr(estimator, "steps", None)
+    return estimator if steps is None else replace(estimator, steps=min(steps, 150))
 
 
 @pytest.fixture(scope="session")

@@ -26,35 +26,32 @@ def assert_same(one: Fitted, other: Fitted, pairs: Pairs) -> None:
 
 
 def test_same_seed_same_bytes(
-    estimator: Estimator,
-    fitted: Fitted,
-    expert: Pairs,
-    other_expert: Pairs,
-    unlabeled: UnlabeledSample,
+    brief: Estimator, expert: Pairs, other_expert: Pairs, unlabeled: UnlabeledSample
 ):
+    fitted = brief.fit(expert, seed=0, unlabeled=unlabeled)
     torch.rand(3)
-    again = estimator.fit(expert, seed=0, unlabeled=unlabeled)
+    again = brief.fit(expert, seed=0, unlabeled=unlabeled)
     assert dump(again) == dump(fitted)
     assert_same(again, fitted, other_expert)
 
 
 def test_fitting_leaves_torch_as_it_was(
-    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample
 ):
     state, threads = torch.get_rng_state(), torch.get_num_threads()
-    estimator.fit(expert[:50], seed=3, unlabeled=unlabeled)
+    brief.fit(expert[:50], seed=3, unlabeled=unlabeled)
     assert torch.equal(torch.get_rng_state(), state)
     assert torch.get_num_threads() == threads
 
 
 def test_fits_in_several_threads_do_not_disturb_each_other(
-    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample
 ):
     few = expert[:60]
-    alone = dump(estimator.fit(few, seed=0, unlabeled=unlabeled))
+    alone = dump(brief.fit(few, seed=0, unlabeled=unlabeled))
     with ThreadPoolExecutor() as threads:
         fits = [
-            threads.submit(estimator.fit, few, seed=seed, unlabeled=unlabeled) for seed in (0, 1, 0)
+            threads.submit(brief.fit, few, seed=seed, unlabeled=unlabeled) for seed in (0, 1, 0)
         ]
         first, _, third = (dump(fit.result()) for fit in fits)
     assert first == third == alone
@@ -161,22 +158,20 @@ def test_a_number_that_is_no_seed_is_refused(
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_very_few_labeled_pairs_are_enough(
-    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
+    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
 ):
-    fitted = estimator.fit(expert[:count], seed=0, unlabeled=unlabeled)
+    fitted = brief.fit(expert[:count], seed=0, unlabeled=unlabeled)
     assert np.isfinite(fitted.uncertainty(expert).total).all()
 
 
 def test_constant_dimensions_are_no_obstacle(
-    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample
 ):
     few = expert[:90]
     states, actions = few.states.copy(), few.actions.copy()
     states[:, 0], actions[:, 0] = 3.0, 0.0
     pairs = Pairs(states, actions, few.episode, few.step)
-    assert np.isfinite(
-        estimator.fit(pairs, seed=0, unlabeled=unlabeled).uncertainty(pairs).total
-    ).all()
+    assert np.isfinite(brief.fit(pairs, seed=0, unlabeled=unlabeled).uncertainty(pairs).total).all()
 
 
 def test_settings_and_scoring_do_not_wait_for_torch():
