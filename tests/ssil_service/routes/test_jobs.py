@@ -1,8 +1,10 @@
 """Jobs: accepted durably, cancelled, found again after a crash, run by whichever server lives."""
 
 import json
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,42 @@ import ssil_data as sd
 from ssil_data.client import RemoteStore, connect
 from ssil_service import embed
 from ssil_service.server.launch import Server
-from support.demonstrations import drive
+from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
+NAMES = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
 Serve = Callable[..., Server]
 RUNS = "v1/datasets/drives/runs"
+"""Of the dataset in the store that a test has for itself."""
 QUICK = {"estimator": {"kind": "vae", "steps": 10}}
 LONG = {"estimator": {"kind": "vae", "steps": 1_000_000}}
+NUMBERS = count()
+
+
+@pytest.fixture(scope="module")
+def shared_store(scored: Path, tmp_path_factory: pytest.TempPathFactory) -> sd.Store:
+    """A store for the tests that need no service of their own, each with a dataset of its own."""
+    return sd.Store(shutil.copytree(scored, tmp_path_factory.mktemp("jobs") / "store"))
+
+
+@pytest.fixture(scope="module")
+def http(shared_store: sd.Store) -> Iterator[httpx.Client]:
+    """Plain requests to one service of that store, whose worker imports torch only once."""
+    with embed(shared_store.folder.uri, jobs=1) as store:
+        yield store.connection.client
+
+
+@pytest.fixture
+def own(shared_store: sd.Store) -> sd.Dataset:
+    """A dataset for one test alone, with a run `vae`."""
+    made = shared_store.create(f"drives-{next(NUMBERS)}", drives(), **NAMES)
+    sd.score(made, sd.VAE(steps=10), run="vae")
+    return made
+
+
+@pytest.fixture
+def path(own: sd.Dataset) -> str:
+    """Where the service has that dataset."""
+    return f"v1/datasets/{own.name}"
 
 
 def ended(http: httpx.Client, job: str) -> dict[str, Any]:
@@ -37,20 +69,20 @@ def running(http: httpx.Client, job: str) -> None:
         time.sleep(0.05)
 
 
-def test_a_job_is_accepted_and_ends_with_its_run(http: httpx.Client, local: sd.Store):
-    answer = http.post(RUNS, json={**QUICK, "run": "mine", "seed": 3})
+def test_a_job_is_accepted_and_ends_with_its_run(http: httpx.Client, own: sd.Dataset, path: str):
+    answer = http.post(f"{path}/runs", json={**QUICK, "run": "mine", "seed": 3})
     assert answer.status_code == 202
     job = answer.json()
     assert answer.headers["location"] == f"/v1/jobs/{job['job']}"
     done = ended(http, job["job"])
     assert (done["state"], done["run"], done["error"]) == ("succeeded", "mine", None)
     assert done["progress"] == {"what": "score", "done": 420, "of": 420}
-    assert local["drives"].runs["mine"].seed == 3
-    assert http.get(f"{RUNS}/mine").json()["estimator"]["steps"] == 10
+    assert own.runs["mine"].seed == 3
+    assert http.get(f"{path}/runs/mine").json()["estimator"]["steps"] == 10
 
 
-def test_events_tell_a_job_to_its_end(http: httpx.Client):
-    job = http.post(RUNS, json=QUICK).json()["job"]
+def test_events_tell_a_job_to_its_end(http: httpx.Client, path: str):
+    job = http.post(f"{path}/runs", json=QUICK).json()["job"]
     events = http.get(f"v1/jobs/{job}/events", headers={"Accept": "text/event-stream"})
     lines = [line for line in events.text.splitlines() if line.startswith("data: ")]
     states = [json.loads(line.removeprefix("data: "))["state"] for line in lines]
@@ -58,12 +90,14 @@ def test_events_tell_a_job_to_its_end(http: httpx.Client):
     assert states == sorted(states, key=["queued", "running", "succeeded"].index)
 
 
-def test_a_running_job_is_cancelled_and_leaves_nothing(http: httpx.Client, local: sd.Store):
-    job = http.post(RUNS, json={**LONG, "run": "never"}).json()["job"]
+def test_a_running_job_is_cancelled_and_leaves_nothing(
+    http: httpx.Client, own: sd.Dataset, path: str
+):
+    job = http.post(f"{path}/runs", json={**LONG, "run": "never"}).json()["job"]
     running(http, job)
     http.post(f"v1/jobs/{job}/cancel")
     assert ended(http, job)["state"] == "cancelled"
-    assert local["drives"].runs.names() == ["vae"]
+    assert own.runs.names() == ["vae"]
     assert http.post(f"v1/jobs/{job}/cancel").json()["state"] == "cancelled"
 
 
@@ -94,32 +128,32 @@ def test_a_job_that_takes_too_much_memory_fails_alone(folder: Path):
         assert done["state"] == "succeeded"
 
 
-def test_a_job_is_made_once_under_one_key(http: httpx.Client):
+def test_a_job_is_made_once_under_one_key(http: httpx.Client, path: str):
     key = {"Idempotency-Key": "only-once"}
-    first = http.post(RUNS, json=QUICK, headers=key).json()["job"]
-    assert http.post(RUNS, json=QUICK, headers=key).json()["job"] == first
-    other = http.post(RUNS, json={**QUICK, "seed": 1}, headers=key)
+    first = http.post(f"{path}/runs", json=QUICK, headers=key).json()["job"]
+    assert http.post(f"{path}/runs", json=QUICK, headers=key).json()["job"] == first
+    other = http.post(f"{path}/runs", json={**QUICK, "seed": 1}, headers=key)
     assert other.status_code == 409
     ended(http, first)
 
 
 def test_a_named_run_asked_for_again_after_its_success_is_the_same_job(
-    http: httpx.Client, local: sd.Store
+    http: httpx.Client, own: sd.Dataset, path: str
 ):
     key = {"Idempotency-Key": "once-for-all"}
     body = {**QUICK, "run": "mine"}
-    first = ended(http, http.post(RUNS, json=body, headers=key).json()["job"])
-    local["drives"].append([drive(9, 5)])
-    again = http.post(RUNS, json=body, headers=key)
+    first = ended(http, http.post(f"{path}/runs", json=body, headers=key).json()["job"])
+    own.append([drive(9, 5)])
+    again = http.post(f"{path}/runs", json=body, headers=key)
     assert (again.status_code, again.json()) == (202, first)
     assert first["state"] == "succeeded"
-    assert http.post(RUNS, json=body).status_code == 409
-    versions = local["drives"].versions
+    assert http.post(f"{path}/runs", json=body).status_code == 409
+    versions = own.versions
     for version in versions:
-        other = http.post(RUNS, json={**body, "version": version}, headers=key)
+        other = http.post(f"{path}/runs", json={**body, "version": version}, headers=key)
         assert other.status_code == 409
-    assert http.delete("v1/datasets/drives").status_code == 204
-    assert http.post(RUNS, json=body, headers=key).json() == first
+    assert http.delete(path).status_code == 204
+    assert http.post(f"{path}/runs", json=body, headers=key).json() == first
 
 
 def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):
@@ -134,28 +168,30 @@ def test_a_request_is_the_same_job_for_every_server_of_the_store(folder: Path):
     assert sd.Store(folder)["drives"].runs.names() == ["vae", "vae-2"]
 
 
-def test_a_job_has_its_runs_name_when_it_is_accepted(http: httpx.Client):
-    waiting = [http.post(RUNS, json=body).json() for body in (LONG, QUICK, LONG)]
+def test_a_job_has_its_runs_name_when_it_is_accepted(http: httpx.Client, path: str):
+    waiting = [http.post(f"{path}/runs", json=body).json() for body in (LONG, QUICK, LONG)]
     assert [job["run"] for job in waiting] == ["vae-2", "vae-3", "vae-4"]
-    assert http.post(RUNS, json={**QUICK, "run": "vae-3"}).status_code == 409
+    assert http.post(f"{path}/runs", json={**QUICK, "run": "vae-3"}).status_code == 409
     for job in (waiting[2], waiting[0]):
         http.post(f"v1/jobs/{job['job']}/cancel")
     assert ended(http, waiting[1]["job"])["run"] == "vae-3"
-    assert http.post(RUNS, json=QUICK).json()["run"] == "vae-2"
+    assert http.post(f"{path}/runs", json=QUICK).json()["run"] == "vae-2"
 
 
-def test_a_dataset_is_not_deleted_under_a_running_job(http: httpx.Client):
-    job = http.post(RUNS, json=LONG).json()["job"]
+def test_a_dataset_is_not_deleted_under_a_running_job(http: httpx.Client, path: str):
+    job = http.post(f"{path}/runs", json=LONG).json()["job"]
     running(http, job)
-    assert http.delete("v1/datasets/drives").status_code == 409
+    assert http.delete(path).status_code == 409
     http.post(f"v1/jobs/{job}/cancel")
     ended(http, job)
-    assert http.delete("v1/datasets/drives").status_code == 204
-    assert http.get(RUNS).status_code == 404
+    assert http.delete(path).status_code == 204
+    assert http.get(f"{path}/runs").status_code == 404
 
 
-def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(http: httpx.Client):
-    assert http.post(RUNS, json={**QUICK, "run": "vae"}).status_code == 409
+def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(
+    http: httpx.Client, path: str
+):
+    assert http.post(f"{path}/runs", json={**QUICK, "run": "vae"}).status_code == 409
     for wrong in (
         {"estimator": {"kind": "nope"}},
         {"estimator": {"kind": "vae", "steps": -1}},
@@ -164,8 +200,8 @@ def test_a_name_in_use_and_settings_that_are_none_are_refused_at_once(http: http
         {"estimator": {"kind": "vae"}, "run": "../up"},
         {"estimators": {"kind": "vae"}},
     ):
-        assert http.post(RUNS, json=wrong).status_code == 422, wrong
-    assert http.post(RUNS, json={"fitted": {"run": "nope"}}).status_code == 404
+        assert http.post(f"{path}/runs", json=wrong).status_code == 422, wrong
+    assert http.post(f"{path}/runs", json={"fitted": {"run": "nope"}}).status_code == 404
 
 
 def test_a_killed_server_leaves_failed_and_waiting_jobs_to_the_next(folder: Path, serve: Serve):

@@ -1,6 +1,8 @@
 """Scoring jobs by recipe: whatever the library can do, with its numbers, and refusals by name."""
 
+import shutil
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from pydantic import ValidationError
 
 import ssil_data as sd
 from ssil_data.client import RemoteStore
+from ssil_service import embed
 from ssil_service.jobs.runner import build_expected_record
 from ssil_service.schemas.requests import FitBody
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
@@ -20,6 +23,31 @@ RUNS = "v1/datasets/drives/runs"
 MEMBERS = [{"kind": "vae", "steps": 10}, {"kind": "contrast", "steps": 10}]
 ENSEMBLE = sd.Ensemble((sd.VAE(steps=10), sd.Contrast(steps=10)))
 FEW = [*[drive(seed, 12, labeled=True) for seed in range(3)], drive(7, 30), drive(8, 20, spread=9)]
+
+
+@pytest.fixture(scope="module")
+def folder(scored: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store for the tests here, each of which makes runs or datasets of names of its own."""
+    return Path(shutil.copytree(scored, tmp_path_factory.mktemp("recipes") / "store"))
+
+
+@pytest.fixture(scope="module")
+def local(folder: Path) -> sd.Store:
+    """The store on disk."""
+    return sd.Store(folder)
+
+
+@pytest.fixture(scope="module")
+def remote(folder: Path) -> Iterator[RemoteStore]:
+    """The same store through one service, whose worker needs to import torch only once."""
+    with embed(folder, jobs=1) as store:
+        yield store
+
+
+@pytest.fixture(scope="module")
+def http(remote: RemoteStore) -> httpx.Client:
+    """Plain requests to that service."""
+    return remote.connection.client
 
 
 def ended(http: httpx.Client, answer: httpx.Response) -> dict[str, Any]:
@@ -79,14 +107,16 @@ def test_a_job_makes_the_run_that_the_library_makes(
     what: str, http: httpx.Client, local: sd.Store, tmp_path: Path
 ):
     body, recipe = RECIPES[what]
-    assert ended(http, http.post(RUNS, json={**body, "seed": 3, "run": "new"}))["error"] is None
-    made = local["drives"].runs["new"]
+    name = f"new-{list(RECIPES).index(what)}"
+    assert ended(http, http.post(RUNS, json={**body, "seed": 3, "run": name}))["error"] is None
+    made = local["drives"].runs[name]
     twin = sd.Store(tmp_path / "twin").create("drives", _episodes(local), **NAMES)
-    expected = sd.score(twin, recipe, seed=3, run="new")
+    expected = sd.score(twin, recipe, seed=3, run=name)
     assert sd.Recipe.of_run(made) == recipe
     assert _without_times(made) == _without_times(expected)
-    assert local["drives"].runs.values("new").equals(twin.runs.values("new"))
-    assert _without_times(sd.Run.from_json(http.get(f"{RUNS}/new").json())) == _without_times(made)
+    assert local["drives"].runs.values(name).equals(twin.runs.values(name))
+    shown = sd.Run.from_json(http.get(f"{RUNS}/{name}").json())
+    assert _without_times(shown) == _without_times(made)
 
 
 def test_a_job_without_an_estimator_is_the_default_preset_byte_for_byte(
@@ -212,6 +242,7 @@ def test_a_fully_labeled_dataset_is_one_problem_where_unlabeled_pairs_are_needed
     remote: RemoteStore,
 ):
     http = remote.connection.client
+    jobs = http.get("v1/jobs").json()
     remote.create("all", FEW[:3], **NAMES)
     contrast = {"estimator": {"kind": "contrast"}}
     posterior = {"estimator": VAE, "scale": {"kind": "posterior"}}
@@ -220,7 +251,7 @@ def test_a_fully_labeled_dataset_is_one_problem_where_unlabeled_pairs_are_needed
         assert answer.status_code == 422
         assert answer.json()["detail"].startswith("score: every pair is labeled")
     assert http.get("v1/datasets/all/runs").json() == {"runs": []}
-    assert http.get("v1/jobs").json() == {"jobs": []}
+    assert http.get("v1/jobs").json() == jobs
     conformal = {"estimator": VAE, "scale": {"kind": "conformal"}}
     assert ended(http, http.post("v1/datasets/all/runs", json=conformal))["state"] == "succeeded"
 
@@ -240,11 +271,12 @@ def test_a_job_may_rest_on_the_first_labeled_pairs_alone(remote: RemoteStore, lo
 
 def test_a_dataset_without_labels_is_one_problem(remote: RemoteStore):
     http = remote.connection.client
+    jobs = http.get("v1/jobs").json()
     remote.create("none", FEW[3:], **NAMES)
     answer = http.post("v1/datasets/none/runs", json={})
     assert answer.status_code == 422
     assert answer.json()["detail"].startswith("labeled episodes of none")
-    assert http.get("v1/jobs").json() == {"jobs": []}
+    assert http.get("v1/jobs").json() == jobs
 
 
 def test_a_job_that_an_earlier_version_accepted_is_told_by_what_it_has(local: sd.Store):
