@@ -74,7 +74,6 @@ def racetrack_clones(lines: list[Line]) -> list[str]:
         ("shuffled", "default", "clone-shuffled"),
         ("before", "before", "clone-leverage"),
         ("default", "default", "clone-leverage"),
-        ("default, ratio", "default", "clone-ratio"),
         ("truth", "truth", "clone-leverage"),
     ]
     return _method_rows(lines, columns)
@@ -94,7 +93,6 @@ def racetrack_gail(lines: list[Line]) -> list[str]:
         ("shuffled", "default", "gail-shuffled"),
         ("before", "before", "gail-leverage"),
         ("default", "default", "gail-leverage"),
-        ("default, ratio", "default", "gail-ratio"),
         ("truth", "truth", "gail-leverage"),
     ]
     table = _method_rows(lines, columns)
@@ -115,6 +113,7 @@ def rc_clones(lines: list[Line]) -> list[str]:
         ("labeled alone", None, "clone"),
         ("all alike", None, "clone-mixed"),
         ("default", "default", "clone-leverage"),
+        ("default, posterior", "default", "clone-posterior"),
         ("default, ratio", "default", "clone-ratio"),
         ("truth", "truth", "clone-leverage"),
     ):

@@ -15,7 +15,6 @@ from ssil_data.estimators.contrast import Contrast
 from ssil_data.estimators.gpr import GPR
 from ssil_data.estimators.mdn import MDN
 from ssil_data.estimators.unlabeled import UnlabeledSample
-from ssil_data.estimators.vae import WindowVAE
 from ssil_data.json_kinds import show_short
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
@@ -27,7 +26,7 @@ def _choose_members() -> tuple[Estimator, ...]:
     tenth of the time.
     """
     process = GPR(learn_on=300, inducing=512, surprisal=True)
-    return (process, MDN(surprisal=True), WindowVAE(), Contrast())
+    return (process, MDN(surprisal=True), Contrast())
 
 
 @dataclass(frozen=True)

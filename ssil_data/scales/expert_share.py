@@ -22,9 +22,10 @@ FARTHEST = 10
 """Values farther from the quartiles than so many times what lies between them count as there."""
 SHALLOWEST = 0.6
 """A valley is at most so high, the lower of its two sides being 1."""
-LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)
-"""Quantiles of the held-out labeled pairs that the share is read at."""
-LOW_LEVELS = (0.1, 0.2, 0.3, 0.4)
+LEVELS = (0.8, 0.9)
+"""Quantiles of the held-out labeled pairs that the share is read at: high ones, since labels of few
+drives crowd in the middle of the experts."""
+LOW_LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 """Further ones, which are less certain, that its lower bound is read at."""
 
 
@@ -166,7 +167,7 @@ def find_cuts(
             Cut(
                 at=float(np.quantile(values, share)),
                 share=share,
-                evidence=_weigh_share(share) - min(0.7 / labels, 2.0),
+                evidence=_weigh_share(share) - min(1.2 / labels, 2.0),
                 low=min(share * np.exp(-1.64 * spread), _bound_below(values, held_out, labels)),
                 high=min(1.0, share * np.exp(1.64 * spread)),
                 by_labels=True,
@@ -263,4 +264,4 @@ def _disagreement(share: float, by_labels: float, labels: float) -> float:
 
 def _weigh_share(share: float) -> float:
     """Return the prior of a share: hardly a pile of experts with a few strays, nor all others."""
-    return float(2 * np.log(max(1 - share, 1e-3)) + 0.3 * np.log(share + 0.005))
+    return float(4 * np.log(max(1 - share**2, 1e-3)) + 0.3 * np.log(share + 0.005))

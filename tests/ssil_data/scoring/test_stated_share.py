@@ -10,6 +10,7 @@ from ssil_data.scales import Conformal, Posterior, Quantile
 from ssil_data.scoring.stated_share import find_misfit
 from ssil_data.store.dataset import Dataset
 from support.command_line import run
+from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive
 
 TRUE = 0.25
 
@@ -59,8 +60,19 @@ def test_a_scale_without_a_stated_share_has_no_misfit(scale: sd.scales.Scale):
     assert find_misfit(scale, pool, held_out, stretch=1) == []
 
 
-def test_a_run_of_a_share_that_does_not_fit_is_weak_and_so_is_one_that_uses_it(dataset: Dataset):
-    """Half of the unlabeled pairs of the fixture are the expert's."""
+@pytest.fixture
+def apart(store: sd.Store) -> Dataset:
+    """Expert drives and as many that are far worse: the share of experts is plain."""
+    episodes = [
+        *(drive(seed, 60, labeled=True) for seed in range(4)),
+        *(drive(10 + seed, 60) for seed in range(6)),
+        *(drive(20 + seed, 60, spread=60) for seed in range(6)),
+    ]
+    return store.create("apart", episodes, state_names=STATE_NAMES, action_names=ACTION_NAMES)
+
+
+def test_a_run_of_a_share_that_does_not_fit_is_weak_and_so_is_one_that_uses_it(apart: Dataset):
+    dataset = apart
     recipe = sd.preset("default", "gpr")
     free = sd.score(dataset, recipe, run="free")
     fitting = sd.score(dataset, recipe.with_options(expert_share=0.5), run="fitting")
@@ -75,10 +87,10 @@ def test_a_run_of_a_share_that_does_not_fit_is_weak_and_so_is_one_that_uses_it(d
 
 
 def test_the_command_says_that_a_stated_share_does_not_fit(
-    dataset: Dataset, capsys: pytest.CaptureFixture[str]
+    apart: Dataset, capsys: pytest.CaptureFixture[str]
 ):
-    place = ["--store", dataset.folder.uri.rsplit("/", 1)[0]]
-    words = ["score", dataset.name, "--estimator", "gpr", "--expert-share", "0.99", *place]
+    place = ["--store", apart.folder.uri.rsplit("/", 1)[0]]
+    words = ["score", apart.name, "--estimator", "gpr", "--expert-share", "0.99", *place]
     assert run(*words) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "Weak: gpr: the stated expert share, 0.99, does not fit the data" in shown

@@ -73,13 +73,14 @@ def test_labeled_pairs_are_drawn_alike_whatever_their_leverage() -> None:
 @pytest.mark.parametrize(
     ("settings", "weights"),
     [
-        ({}, [0, 0.25, 0.5, 0.75, 1]),
+        ({}, [0, 0, 0, 0, 1]),
+        ({"expert_weighting": "posterior"}, [0, 0.25, 0.5, 0.75, 1]),
         ({"expert_weighting": "ratio"}, [0, 1 / 3, 1, 3, 20]),
         ({"expert_weighting": "ratio", "odds_limit": 2.0}, [0, 1 / 3, 1, 2, 2]),
     ],
-    ids=["posterior", "ratio", "ratio below 2"],
+    ids=["sure", "posterior", "ratio", "ratio below 2"],
 )
-def test_unlabeled_pairs_are_drawn_by_leverage_or_by_its_odds(
+def test_unlabeled_pairs_are_drawn_if_they_are_sure_or_by_leverage_or_by_its_odds(
     settings: dict[str, Any], weights: list[float]
 ) -> None:
     unlabeled = draw(sampler(**settings), 24_000)[12_000:] - LABELED
@@ -88,7 +89,7 @@ def test_unlabeled_pairs_are_drawn_by_leverage_or_by_its_odds(
 
 
 @pytest.mark.parametrize("method", BY_WEIGHT)
-@pytest.mark.parametrize("weighting", ["posterior", "ratio"])
+@pytest.mark.parametrize("weighting", ["sure", "posterior", "ratio"])
 @pytest.mark.parametrize("rows", [slice(None), slice(LABELED)], ids=["leverage 0", "all labeled"])
 def test_without_an_unlabeled_pair_of_positive_weight_batches_are_labeled(
     method: str, weighting: str, rows: slice
@@ -134,22 +135,25 @@ def test_odds_keep_the_order_and_their_limits(leverage: list[float], limit: floa
 
 
 @pytest.mark.parametrize("method", ["gail-shuffled", "clone-shuffled"])
-@pytest.mark.parametrize("weighting", ["posterior", "ratio"])
+@pytest.mark.parametrize("weighting", ["sure", "posterior", "ratio"])
 def test_shuffled_twins_have_the_same_weights_at_other_pairs(method: str, weighting: str) -> None:
     of = demonstrations()
     twin = method.replace("shuffled", "leverage")
 
-    def unlabeled(name: str, seed: int = 0) -> np.ndarray:
+    def unlabeled(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         experts = sampler(name, of, expert_weighting=weighting, seed=seed)
         assert isinstance(experts, HalfLabeledSampler)
         assert len(experts.labeled.weights) == 300
-        return experts.unlabeled.weights
+        return experts.unlabeled.weights, experts.unlabeled.states
+
+    def differ(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+        return any((mine != theirs).any() for mine, theirs in zip(one, other, strict=True))
 
     shuffled = unlabeled(method)
-    np.testing.assert_array_equal(np.sort(shuffled), np.sort(unlabeled(twin)))
-    assert (shuffled != unlabeled(twin)).any()
-    np.testing.assert_array_equal(shuffled, unlabeled(method))
-    assert (shuffled != unlabeled(method, seed=1)).any()
+    np.testing.assert_array_equal(np.sort(shuffled[0]), np.sort(unlabeled(twin)[0]))
+    assert differ(shuffled, unlabeled(twin))
+    assert not differ(shuffled, unlabeled(method))
+    assert differ(shuffled, unlabeled(method, seed=1))
     assert of.leverage is not None and of.leverage[0] == np.float32(0.9)
 
 
@@ -166,7 +170,10 @@ def test_the_same_seed_draws_the_same_batches() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"expert_weighting": "all"}, "expert_weighting: expected one of posterior, ratio, found"),
+        (
+            {"expert_weighting": "all"},
+            "expert_weighting: expected one of sure, posterior, ratio, found",
+        ),
         ({"odds_limit": 1.0}, "odds_limit: expected a number above 1, found 1.0"),
         ({"odds_limit": float("inf")}, "odds_limit: expected a number above 1"),
         ({"pair_reward": -1.0}, "pair_reward: expected a number of at least 0"),

@@ -119,7 +119,7 @@ def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_rec
         assert run(*train, *more, "-o", tmp_path / name) == 0
         found[name] = Policy.load(tmp_path / name / "policy.safetensors").metadata["settings"]
     names = ("expert_weighting", "odds_limit", "pair_reward")
-    assert [found["usual"][name] for name in names] == ["posterior", 20.0, 0.0]
+    assert [found["usual"][name] for name in names] == ["sure", 20.0, 0.0]
     assert [found["flags"][name] for name in names] == ["ratio", 9.0, 0.5]
     assert found["paper"]["pair_reward"] == 0
     with (tmp_path / "flags" / "curve.csv").open() as lines:
@@ -225,7 +225,7 @@ def test_the_help_describes_every_method() -> None:
         (["gail", "--dataset", "swings", "--kl", "0"], "kl: expected a number above 0"),
         (["clone-shuffled", "--dataset", "swings"], "needs the leverage of a scoring run"),
         (["gail", "--dataset", "swings", "--odds-limit", "1"], "odds_limit: expected a number"),
-        (["gail", "--dataset", "swings", "--expert-weighting", "all"], "posterior"),
+        (["gail", "--dataset", "swings", "--expert-weighting", "all"], "sure"),
         (["mixgail", "--dataset", "swings", "--cor-alpha", "0"], "cor_alpha: expected auto or a"),
         (["mixgail", "--dataset", "swings", "--cor-alpha", "sharp"], "--cor-alpha"),
         (

@@ -184,7 +184,7 @@ def test_imitation_by_weight_has_the_same_bytes_for_the_same_seed(
         files.append((tmp_path / name / POLICY).read_bytes())
     assert files[0] == files[1] != files[2]
     stored = Policy.load(tmp_path / "a" / POLICY).metadata["settings"]
-    assert stored["expert_weighting"] == settings.get("expert_weighting", "posterior")
+    assert stored["expert_weighting"] == settings.get("expert_weighting", "sure")
     assert stored["odds_limit"] == settings.get("odds_limit", 20.0)
 
 

@@ -28,8 +28,8 @@ _MAY_BE_ZERO = frozenset(
 )
 _AT_MOST_ONE = frozenset({"discount", "gae_lambda", "fisher_share", "eta_decay"})
 
-Weighting = Literal["posterior", "ratio"]
-"""How unlabeled pairs are weighted: by their leverage, or by its odds."""
+Weighting = Literal["sure", "posterior", "ratio"]
+"""How unlabeled pairs are weighted: the sure ones alike, by their leverage, or by its odds."""
 
 PAPER: Mapping[str, Any] = MappingProxyType(
     {
@@ -111,8 +111,9 @@ class TrainSettings:
         Beyond the paper: weight of the log-odds of the leverage of the pair (s, a) in the state
         reward of ssil and ssil-leverage; 0 is off.
     expert_weighting:
-        How methods that imitate by leverage weight unlabeled pairs: `posterior` by the leverage w
-        itself, `ratio` by its odds w / (1 − w), a density ratio of experts to others.
+        How methods that imitate by leverage weight unlabeled pairs: `sure` takes those of leverage
+        `SURE` or more, all alike, and no others; `posterior` weights by the leverage w itself;
+        `ratio` by its odds w / (1 − w), a density ratio of experts to others.
     odds_limit:
         The largest odds of leverage, above 1, in that ratio and in the pair reward: at 20, leverage
         above .952 counts as .952. Leverage is calibrated to some hundredths at best, so larger odds
@@ -177,7 +178,7 @@ class TrainSettings:
     centered: bool = True
     cor_alpha: Literal["auto"] | float = "auto"
     pair_reward: float = 0.0
-    expert_weighting: Weighting = "posterior"
+    expert_weighting: Weighting = "sure"
     odds_limit: float = 20.0
     pretrained: bool = False
     cloning_steps: int = 2_000

@@ -14,6 +14,9 @@ from ssil_trainers.algorithms.odds import density_ratio
 Weights = Callable[[Demonstrations, TrainSettings], NDArray[np.floating]]
 """Gives each pair a weight, (n,), at least 0, by the settings of the run."""
 
+SURE = 0.9
+"""Leverage from which a pair counts as the expert's: nine in ten are, by the posterior scale."""
+
 
 def imitate_labeled(
     demonstrations: Demonstrations, settings: TrainSettings
@@ -64,9 +67,11 @@ def imitate_all(demonstrations: Demonstrations, settings: TrainSettings) -> NDAr
 def imitate_by_leverage(
     demonstrations: Demonstrations, settings: TrainSettings
 ) -> NDArray[np.floating]:
-    """Weight every pair by its leverage, or by its odds if `expert_weighting` is `ratio`.
+    """Weight the pairs that are surely the expert's alike, or as `expert_weighting` says.
 
     Among the unlabeled pairs only: of a batch by leverage, half is labeled (`HalfLabeledSampler`).
+    A clone of experts and a few that are nearly as good drives like neither, so pairs in doubt
+    count for nothing rather than for little.
 
     Parameters
     ----------
@@ -87,6 +92,8 @@ def imitate_by_leverage(
     >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
     >>> demonstrations = Demonstrations(states, states, labeled, leverage)
     >>> imitate_by_leverage(demonstrations, TrainSettings())
+    array([1., 0., 0.], dtype=float32)
+    >>> imitate_by_leverage(demonstrations, TrainSettings(expert_weighting="posterior"))
     array([1. , 0.5, 0. ], dtype=float32)
     >>> imitate_by_leverage(demonstrations, TrainSettings(expert_weighting="ratio"))
     array([20.,  1.,  0.])
@@ -94,7 +101,9 @@ def imitate_by_leverage(
     leverage = demonstrations.require_leverage
     if settings.expert_weighting == "ratio":
         return density_ratio(leverage, settings.odds_limit)
-    return leverage
+    if settings.expert_weighting == "posterior":
+        return leverage
+    return (leverage >= SURE).astype(np.float32)
 
 
 def imitate_by_shuffled_leverage(
@@ -122,7 +131,8 @@ def imitate_by_shuffled_leverage(
     >>> labeled = np.array([True, False, False, False])
     >>> leverage = np.array([1.0, 0.5, 0.25, 0.0], np.float32)
     >>> demonstrations = Demonstrations(states, states, labeled, leverage)
-    >>> weights = imitate_by_shuffled_leverage(demonstrations, TrainSettings())
+    >>> settings = TrainSettings(expert_weighting="posterior")
+    >>> weights = imitate_by_shuffled_leverage(demonstrations, settings)
     >>> sorted(weights[1:].tolist())
     [0.0, 0.25, 0.5]
     """
