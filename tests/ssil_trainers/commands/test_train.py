@@ -14,7 +14,8 @@ from gymnasium.envs.classic_control.pendulum import PendulumEnv
 
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
-from ssil_data.scoring import score
+from ssil_data.scales import Posterior
+from ssil_data.scoring import Recipe, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_trainers.algorithms.config import PAPER
@@ -179,6 +180,28 @@ def test_training_by_a_weak_run_says_why_it_is_weak_in_one_line(
         lines = [line for line in shown.err.splitlines() if "Weak" in line]
         uses_leverage = method not in ("mixgail", "clone")
         assert lines == ([f"Weak: vae: {'; '.join(weak)}"] if uses_leverage else []), method
+
+
+def test_training_where_no_pair_is_sure_says_that_labeled_pairs_alone_are_imitated(
+    pendulum: Dataset, store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs = pendulum.episode(0)
+    alike = Episode(np.tile(pairs.states[:1], (50, 1)), np.tile(pairs.actions[:1], (50, 1)))
+    names = {"state_names": pendulum.state_names, "action_names": pendulum.action_names}
+    labeled = Episode(pairs.states, pairs.actions, labeled=True)
+    doubtful = store.create("doubtful", [labeled, alike], **names)
+    score(doubtful, Recipe(VAE(steps=20), Posterior()), run="vae")
+    words = ["--env", "Pendulum-v1", "--dataset", "doubtful", "--run", "vae"]
+    for method, more, is_told in (
+        ("clone-leverage", [], True),
+        ("clone-leverage", ["--expert-weighting", "posterior"], False),
+        ("ssil", [], False),
+    ):
+        capsys.readouterr()
+        output = tmp_path / f"{method}-{len(more)}"
+        assert run("train", method, *words, *more, *SHORT_TRAINING, "-o", output) == 0
+        told = "imitates labeled pairs alone" in " ".join(capsys.readouterr().err.split())
+        assert told == is_told, (method, more)
 
 
 def test_resuming_without_a_checkpoint_starts_and_says_so(

@@ -106,6 +106,31 @@ def imitate_by_leverage(
     return (leverage >= SURE).astype(np.float32)
 
 
+def has_sure_pair(demonstrations: Demonstrations) -> bool:
+    """Tell whether any unlabeled pair is surely the expert's, so that `sure` imitates one.
+
+    Parameters
+    ----------
+    demonstrations:
+        All pairs, with their leverage.
+
+    Raises
+    ------
+    InvalidInputError
+        Without a scoring run.
+
+    Examples
+    --------
+    >>> states = np.arange(3, dtype=np.float32)[:, None]
+    >>> labeled = np.array([True, False, False])
+    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
+    >>> has_sure_pair(Demonstrations(states, states, labeled, leverage))
+    False
+    """
+    unlabeled = demonstrations.require_leverage[~demonstrations.labeled]
+    return bool((unlabeled >= SURE).any())
+
+
 def imitate_by_shuffled_leverage(
     demonstrations: Demonstrations, settings: TrainSettings
 ) -> NDArray[np.floating]:

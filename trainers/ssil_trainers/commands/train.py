@@ -12,10 +12,12 @@ from cyclopts import Parameter
 from ssil_data.client import ServiceError
 from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_trainers.algorithms.config import PAPER, TrainSettings
-from ssil_trainers.algorithms.methods import MethodName
+from ssil_trainers.algorithms.expert_weights import SURE, has_sure_pair
+from ssil_trainers.algorithms.methods import METHODS, MethodName
 from ssil_trainers.algorithms.unused_settings import check_used
 from ssil_trainers.envs.registry import find_spec, make_vectorized
 from ssil_trainers.training.checkpoint import CHECKPOINT
+from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.data_source import DataSource, load_training_data
 from ssil_trainers.training.progress import progress_display, tensorboard
 from ssil_trainers.training.run import POLICY, Callback, TrainResult, TrainRun
@@ -43,7 +45,7 @@ def train(
     method:
         gail imitates the labeled pairs; mixgail adds CoR to its reward, ssil LCoR. gail-mixed
         imitates all pairs; gail-leverage and ssil-leverage take half of every batch from labeled
-        pairs and half from unlabeled ones by their leverage. clone, clone-mixed and clone-leverage
+        pairs and half from unlabeled ones of high leverage. clone, clone-mixed and clone-leverage
         clone the labeled pairs, all, or half and half. Controls are gail-shuffled and
         clone-shuffled (by leverage, each unlabeled pair by that of another), shuffled (LCoR of
         shuffled leverage) and constant (the same reward everywhere).
@@ -68,6 +70,7 @@ def train(
         print(f"No checkpoint in {folder}: training starts from the beginning.", file=sys.stderr)
     try:
         with load_training_data(source, method, location) as data:
+            _say_if_none_is_sure(method, settings, data)
             run = TrainRun(
                 method,
                 replace(data, identity={"env": env, **data.identity}),
@@ -88,6 +91,17 @@ def train(
         print_json(summary)
     else:
         print_table(f"{method} on {env}", [summary])
+
+
+def _say_if_none_is_sure(method: MethodName, settings: TrainSettings, data: TrainingData) -> None:
+    """Say that labeled pairs alone are imitated, where no other is surely the expert's."""
+    takes_sure = METHODS[method].half_labeled and settings.expert_weighting == "sure"
+    if takes_sure and not has_sure_pair(data.demonstrations):
+        print(
+            f"No unlabeled pair has a leverage of {SURE} or more, so {method} imitates labeled "
+            "pairs alone; --expert-weighting posterior weights all by their leverage.",
+            file=sys.stderr,
+        )
 
 
 def _train(run: TrainRun, folder: Path, *, resume: bool, callback: Callback) -> TrainResult:
