@@ -22,11 +22,14 @@ FARTHEST = 10
 """Values farther from the quartiles than so many times what lies between them count as there."""
 SHALLOWEST = 0.6
 """A valley is at most so high, the lower of its two sides being 1."""
-LEVELS = (0.8, 0.9)
-"""Quantiles of the held-out labeled pairs that the share is read at: high ones, since labels of few
-drives crowd in the middle of the experts."""
-LOW_LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-"""Further ones, which are less certain, that its lower bound is read at."""
+LEVELS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+"""Quantiles of the held-out labeled pairs that the share is read at."""
+LOWEST_LEVEL = 0.1
+"""A further one, which is less certain, that its lower bound is read at too."""
+HIGHEST = 2
+"""So many of the levels, the highest, say most where there are labels enough."""
+ENOUGH = 2.0
+"""Independent labeled pairs above which the highest levels are believed, more and more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +164,7 @@ def find_cuts(
     cuts = []
     if held_out is not None and len(held_out):
         labels = max(len(held_out) / stretch, 0.3)
-        share = _read_share(values, held_out)
+        share, most = _read_share(values, held_out, labels)
         spread = min(1.2 / np.sqrt(labels), 1.5)
         cuts.append(
             Cut(
@@ -169,7 +172,7 @@ def find_cuts(
                 share=share,
                 evidence=_weigh_share(share) - min(1.2 / labels, 2.0),
                 low=min(share * np.exp(-1.64 * spread), _bound_below(values, held_out, labels)),
-                high=min(1.0, share * np.exp(1.64 * spread)),
+                high=min(1.0, most * np.exp(1.64 * spread)),
                 by_labels=True,
             )
         )
@@ -223,13 +226,28 @@ def _share_below(values: NDArray[np.float64], at: float) -> float:
     return float(np.searchsorted(values, at, side="right") / len(values))
 
 
-def _read_share(values: NDArray[np.float64], held_out: NDArray[np.float64]) -> float:
-    """Return the share that the held-out labeled pairs speak for: mean log ratio over levels."""
-    bounds = np.quantile(held_out, LEVELS)
-    below = np.searchsorted(values, bounds, side="right") / len(values)
-    least = 0.5 / len(values)
-    ratios = np.maximum(below, least) / np.array(LEVELS)
-    return float(min(1.0, np.exp(np.log(ratios).mean())))
+def _read_share(
+    values: NDArray[np.float64], held_out: NDArray[np.float64], labels: float
+) -> tuple[float, float]:
+    """Return the share that the held-out labeled pairs speak for, and the most that it may be.
+
+    Labels of several drives crowd in the middle of the experts, so that high levels say most. Where
+    there are few, half of them teach too little to judge the other half by: some look stranger than
+    experts do, the high levels see too many others, and the least ratio says most.
+    """
+    ratios = np.log(_ratios(values, held_out, np.array(LEVELS)))
+    doubt = min(1.0, (ENOUGH / labels) ** 2)
+    most = ratios[-HIGHEST:].mean()
+    ratio = (1 - doubt) * most + doubt * ratios.min()
+    return float(min(1.0, np.exp(ratio))), float(min(1.0, np.exp(most)))
+
+
+def _ratios(
+    values: NDArray[np.float64], held_out: NDArray[np.float64], levels: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the share below each quantile of the labeled pairs, by what it would be of experts."""
+    below = np.searchsorted(values, np.quantile(held_out, levels), side="right") / len(values)
+    return np.maximum(below, 0.5 / len(values)) / levels
 
 
 def _bound_below(
@@ -244,11 +262,9 @@ def _bound_below(
     ------
     Garg et al., Mixture Proportion Estimation and PU Learning, 2021.
     """
-    levels = np.array(LOW_LEVELS + LEVELS)
-    below = np.searchsorted(values, np.quantile(held_out, levels), side="right") / len(values)
+    levels = np.array((LOWEST_LEVEL, *LEVELS))
     spread = np.minimum(1.2 / np.sqrt(labels * levels), 1.5)
-    ratios = np.maximum(below, 0.5 / len(values)) / levels
-    return float(np.min(ratios * np.exp(-1.64 * spread)))
+    return float(np.min(_ratios(values, held_out, levels) * np.exp(-1.64 * spread)))
 
 
 def _disagreement(share: float, by_labels: float, labels: float) -> float:
@@ -264,4 +280,4 @@ def _disagreement(share: float, by_labels: float, labels: float) -> float:
 
 def _weigh_share(share: float) -> float:
     """Return the prior of a share: hardly a pile of experts with a few strays, nor all others."""
-    return float(4 * np.log(max(1 - share**2, 1e-3)) + 0.3 * np.log(share + 0.005))
+    return float(6 * np.log(max(1 - share**2, 1e-3)) + 0.3 * np.log(share + 0.005))

@@ -14,8 +14,8 @@ from ssil_trainers.algorithms.odds import density_ratio
 Weights = Callable[[Demonstrations, TrainSettings], NDArray[np.floating]]
 """Gives each pair a weight, (n,), at least 0, by the settings of the run."""
 
-SURE = 0.9
-"""Leverage from which a pair counts as the expert's: nine in ten are, by the posterior scale."""
+SURE = 0.95
+"""Leverage from which a pair counts as the expert's: by the posterior scale 19 of 20 are."""
 
 
 def imitate_labeled(
