@@ -1,12 +1,13 @@
 """Leverage that decides: recipes over labels and expert shares, by rank, weight and imitation.
 
-    python benchmarks/leverage.py run --seeds 400-409 --output results.jsonl
+    python benchmarks/leverage.py run --seeds 540-549 --output results.jsonl
     python benchmarks/leverage.py print results.jsonl
 
 `run` fills the cells that the file lacks, one line each: it can be stopped and started again.
-`--only TEXT` takes cells whose name contains it, `--jobs N` is the number of processes. Recipes and
-the settings of training were tuned on seeds 0-9, and no figure of those is a result: figures in the
-manual are of the seeds that its page names.
+`--only TEXT` takes cells whose name contains it, `--jobs N` is the number of processes. Without a
+file, the results that are kept here are printed. Recipes and the settings of training were tuned on
+seeds 0-29, and no figure of those is a result: figures in the manual are of the seeds that its page
+names.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from parts.leverage_tables import print_tables
+from parts.leverage_tables import format_tables
 from parts.mixtures import MAKERS
 
 from ssil_data.calibration import find_calibration
@@ -74,6 +75,8 @@ RECIPES: dict[str, Recipe] = {
 }
 SHARES = (0.5, 0.09, 0.024)
 """Shares of the racetrack's mixtures: keys of `parts.mixtures.RACETRACK`."""
+RESULTS = Path(__file__).with_suffix(".jsonl")
+"""The results that the manual's tables are printed from."""
 GAIL_STEPS = 16_384
 CLONING_WEIGHT_DECAY = 1.0
 """Of every method alike, whether it ends with cloning or goes on from there."""
@@ -350,14 +353,14 @@ def run(seeds: list[int], output: Path, only: str, jobs: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("command", choices=["run", "print"])
-    parser.add_argument("file", nargs="?", type=Path)
+    parser.add_argument("command", nargs="?", choices=["run", "print"], default="print")
+    parser.add_argument("file", nargs="?", type=Path, default=RESULTS)
     parser.add_argument("--output", type=Path)
-    parser.add_argument("--seeds", default="400-409")
+    parser.add_argument("--seeds", default="540-549")
     parser.add_argument("--only", default="")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     given = parser.parse_args()
     if given.command == "print":
-        print_tables([json.loads(line) for line in given.file.open()])
+        print(format_tables([json.loads(line) for line in given.file.open()]), end="")
     else:
         run(parse_seeds(given.seeds), given.output, given.only, given.jobs)

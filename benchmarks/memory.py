@@ -1,7 +1,8 @@
 """Is a set larger than memory scored in bounded memory?
 
-The racetrack set, repeated 1, 10 and 40 times, is scored in a fresh process each; the peak memory
-of the process above that of scoring the first is printed beside the size of the set in memory.
+The racetrack set, repeated 1, 10 and 40 times, is scored in a fresh process each, by a VAE
+alone and by the preset `default`; the peak memory of the process above that of scoring the first
+is printed beside the size of the set in memory.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ import numpy as np
 
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
-from ssil_data.scoring import rescore, score
+from ssil_data.scoring import preset, rescore, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
 from ssil_data.store.folder import Folder
 
 TIMES = (1, 10, 40)
+RECIPES = {"vae": VAE(), "default": preset("default")}
 
 
 def repeat_episodes(dataset: Dataset, times: int) -> Iterator[Episode]:
@@ -54,28 +56,36 @@ def main() -> None:
     width = len(racetrack.state_names) + len(racetrack.action_names)
     with tempfile.TemporaryDirectory() as folder:
         store = Store(folder)
-        least = 0.0
         small = create(store, racetrack, 1)
-        score(small, VAE(), run="vae")
-        columns = ("pairs", "set, MiB", "peak, MiB", "more, MiB", "bytes/pair")
+        for name, recipe in RECIPES.items():
+            score(small, recipe, run=name)
+        for times in TIMES[1:]:
+            create(store, racetrack, times)
+        columns = ("run", "pairs", "set, MiB", "peak, MiB", "more, MiB", "bytes/pair")
         print("".join(f"{column:>12}" for column in columns))
-        for times in TIMES:
-            if times > 1:
-                create(store, racetrack, times)
-            command = [sys.executable, __file__, folder, f"x{times}"]
-            peak = int(subprocess.run(command, capture_output=True, check=True).stdout) / 1024
-            least = least or peak
-            count = times * len(racetrack)
-            size = count * 4 * width / 2**20
-            more = peak - least
-            print(
-                f"{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}{more * 2**20 / count:>12.1f}"
-            )
+        for name in RECIPES:
+            least = measure(folder, 1, name)
+            for times in TIMES:
+                peak = measure(folder, times, name) if times > 1 else least
+                count = times * len(racetrack)
+                size = count * 4 * width / 2**20
+                more = peak - least
+                print(
+                    f"{name:>12}{count:>12,}{size:>12.0f}{peak:>12.0f}{more:>12.0f}"
+                    f"{more * 2**20 / count:>12.1f}",
+                    flush=True,
+                )
 
 
-def measure_peak(folder: str, name: str) -> None:
+def measure(folder: str, times: int, run: str) -> float:
+    """Return the peak memory, MiB, of a process that scores one dataset as a run has the first."""
+    command = [sys.executable, __file__, folder, f"x{times}", run]
+    return int(subprocess.run(command, capture_output=True, check=True).stdout) / 1024
+
+
+def measure_peak(folder: str, name: str, run: str) -> None:
     """Score one dataset in this process and print the peak of its memory in KiB."""
-    rescore(Dataset(Folder(folder) / name), Dataset(Folder(folder) / "x1"), "vae")
+    rescore(Dataset(Folder(folder) / name), Dataset(Folder(folder) / "x1"), run)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 

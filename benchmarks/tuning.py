@@ -2,7 +2,8 @@
 
 `python benchmarks/tuning.py knobs` changes one setting at a time, for every method alike;
 `python benchmarks/tuning.py lasts` runs some settings for the whole budget of the paper's table;
-`python benchmarks/tuning.py pays` runs every method where leverage may be worth something.
+`python benchmarks/tuning.py pays` runs every method where leverage may be worth something;
+without a question, the rows that are kept here are printed.
 Scores are those of the learning curve: the mean action on the twin, or on Pendulum-v1 itself. Rows
 are appended to a CSV as they are made, and those it has are not made again. One core.
 """
@@ -257,7 +258,7 @@ def print_table(rows: Mapping[Run, Result]) -> None:
 
 
 def main(
-    question: Literal["knobs", "lasts", "pays"],
+    question: Literal["knobs", "lasts", "pays"] | None = None,
     /,
     *,
     problems: tuple[str, ...] = (),
@@ -267,7 +268,10 @@ def main(
     work: Path = Path("build/tuning"),
     vild: Path | None = None,
 ) -> None:
-    """Do the runs that are missing, and print a table of all."""
+    """Do the runs that are missing, and print a table of all; without a question, of those kept."""
+    if question is None:
+        print_table(read_rows(Path(__file__).with_suffix(".csv")))
+        return
     torch.set_num_threads(1)
     path = output or work / f"{question}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)

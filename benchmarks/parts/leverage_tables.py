@@ -13,8 +13,8 @@ Value = Callable[[Line], float | None]
 """What a table has of a line."""
 
 
-def print_tables(lines: list[Line]) -> None:
-    """Print every table for which there are results.
+def format_tables(lines: list[Line]) -> str:
+    """Return every table for which there are results, as the manual has them.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def print_tables(lines: list[Line]) -> None:
         The results.
     """
     seeds = sorted({line["seed"] for line in lines})
-    print(f"Seeds {seeds[0]} to {seeds[-1]}; mean (worst) over as many seeds as `n` says.\n")
+    parts = [f"Seeds {seeds[0]} to {seeds[-1]}; mean (worst) over as many seeds as `n` says."]
     for title, table in (
         ("Racetrack: rank, weight and share by the default recipe", racetrack_ranks(lines)),
         ("Racetrack: cloning without driving, score of the expert's", racetrack_clones(lines)),
@@ -33,7 +33,8 @@ def print_tables(lines: list[Line]) -> None:
         ("What each piece is worth", ablation(lines)),
     ):
         if table:
-            print(f"### {title}\n\n" + "\n".join(table) + "\n")
+            parts.append(f"### {title}\n\n" + "\n".join(table))
+    return "\n\n".join(parts) + "\n"
 
 
 def racetrack_ranks(lines: list[Line]) -> list[str]:
@@ -300,7 +301,7 @@ def _count_wins(lines: list[Line]) -> list[str]:
             both = sorted(ours.keys() & theirs.keys())
             wins = sum(ours[seed] > theirs[seed] for seed in both)
             if both:
-                found.append(f"share {share:g}: above {title} in {wins} of {len(both)} seeds.")
+                found.append(f"- share {share:g}: above {title} in {wins} of {len(both)} seeds.")
     return found
 
 
