@@ -7,7 +7,7 @@ is printed beside the size of the set in memory.
 
 from __future__ import annotations
 
-import resource
+import re
 import subprocess
 import sys
 import tempfile
@@ -84,9 +84,13 @@ def measure(folder: str, times: int, run: str) -> float:
 
 
 def measure_peak(folder: str, name: str, run: str) -> None:
-    """Score one dataset in this process and print the peak of its memory in KiB."""
+    """Score one dataset in this process and print the peak of its memory in KiB.
+
+    Linux keeps `ru_maxrss` over the start of a program, so that it may be the parent's.
+    """
     rescore(Dataset(Folder(folder) / name), Dataset(Folder(folder) / "x1"), run)
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    status = Path("/proc/self/status").read_text()
+    print(re.search(r"VmHWM:\s+(\d+)", status)[1])  # pyright: ignore[reportOptionalSubscript]
 
 
 if __name__ == "__main__":

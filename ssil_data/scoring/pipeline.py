@@ -38,7 +38,7 @@ def score(
 ) -> Run:
     """Give every pair of a dataset a leverage in [0, 1] and commit it as one run.
 
-    The estimator is fitted on the labeled pairs. Memory: some 150 bytes a pair beside a row group,
+    The estimator is fitted on the labeled pairs. Memory: some 250 bytes a pair beside a row group,
     however wide a state is.
 
     Parameters
