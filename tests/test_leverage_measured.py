@@ -17,7 +17,7 @@ def test_the_tables_are_printed_from_the_results():
     assert spec is not None and spec.loader is not None
     tables = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tables)
-    lines = [json.loads(line) for line in RESULTS.open()]
+    lines = [json.loads(line) for line in RESULTS.read_text().splitlines()]
     assert len({line["cell"] for line in lines}) == len(lines) > 500
     page = PAGE.read_text()
     start = "<!-- tables: benchmarks/leverage.jsonl -->\n\n"
