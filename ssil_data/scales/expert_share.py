@@ -30,6 +30,8 @@ HIGHEST = 2
 """So many of the levels, the highest, say most where there are labels enough."""
 ENOUGH = 2.0
 """Independent labeled pairs above which the highest levels are believed, more and more."""
+PLENTY = 30.0
+"""Independent labeled pairs above which the prior says less and less of what they speak for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,25 +161,29 @@ def find_cuts(
         Without a valley and without held-out pairs it is empty.
     """
     independent = len(values) / stretch
-    labels = 0.0
+    labels = least = 0.0
     share = None
     cuts = []
     if held_out is not None and len(held_out):
         labels = max(len(held_out) / stretch, 0.3)
         share, most = _read_share(values, held_out, labels)
+        least = _bound_below(values, held_out, labels)
+        prior = _weigh_share(share) * min(1.0, PLENTY / labels)
         spread = min(1.2 / np.sqrt(labels), 1.5)
         cuts.append(
             Cut(
                 at=float(np.quantile(values, share)),
                 share=share,
-                evidence=_weigh_share(share) - min(1.2 / labels, 2.0),
-                low=min(share * np.exp(-1.64 * spread), _bound_below(values, held_out, labels)),
+                evidence=prior - min(1.2 / labels, 2.0),
+                low=min(share * np.exp(-1.64 * spread), least),
                 high=min(1.0, most * np.exp(1.64 * spread)),
                 by_labels=True,
             )
         )
     for at, depth in _find_valleys(density, independent):
         below = _share_below(values, at)
+        if below < least:  # a gap amid the experts, however deep
+            continue
         evidence = _weigh_share(below) - np.log(max(depth, DEEPEST))
         if share is not None:
             evidence -= _disagreement(below, share, labels)

@@ -63,6 +63,22 @@ def test_the_interval_holds_the_true_share_in_nine_of_ten_draws(apart: float):
     assert held >= 36
 
 
+@pytest.mark.parametrize("share", [0.9, 0.95, 0.98])
+@pytest.mark.parametrize("apart", [2, 3, 4, 5, 7])
+@pytest.mark.parametrize("stretch", [1, 3])
+def test_a_pile_of_nearly_all_experts_is_believed_where_labels_are_plenty(
+    share: float, apart: float, stretch: int
+):
+    """A gap amid the experts leaves others of nearly every share, and no prior may choose it."""
+    held = 0
+    for seed in range(400, 420):
+        pool, is_expert, held_out = draw(seed, share, apart=apart, count=3000, labels=400)
+        scale = Posterior().fit(pool, held_out, stretch=stretch)
+        assert scale.expert_share == pytest.approx(is_expert.mean(), rel=0.2)
+        held += scale.interval[0] <= is_expert.mean() <= scale.interval[1]
+    assert held >= 18
+
+
 @pytest.mark.parametrize("share", [0.5, 0.1])
 @pytest.mark.parametrize("apart", [2.5, 4])
 def test_leverage_is_the_share_of_experts_among_pairs_that_have_it(share: float, apart: float):
