@@ -72,6 +72,25 @@ def shorten(values: NDArray[np.float32]) -> tuple[float, ...]:
     return tuple(np.where(same, short, values.astype(np.float64)).tolist())
 
 
+def to_python_number(value: Any) -> Any:
+    """Return a number of NumPy as the int or float of Python that JSON has, anything else as it is.
+
+    Parameters
+    ----------
+    value
+        Any.
+
+    Examples
+    --------
+    >>> from ssil_data.json_kinds import to_python_number
+    >>> to_python_number(np.int64(3)), to_python_number(np.float32(0.5)), to_python_number("3")
+    (3, 0.5, '3')
+    """
+    if isinstance(value, np.integer):
+        return int(value)
+    return float(value) if isinstance(value, np.floating) else value
+
+
 def is_finite(value: object) -> bool:
     """Tell whether a value is a number, no truth value, that is finite as float64.
 
@@ -86,16 +105,19 @@ def is_finite(value: object) -> bool:
     >>> is_finite(2), is_finite(True), is_finite("2"), is_finite(10**400)
     (True, False, False, False)
     """
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    number = to_python_number(value)
+    if isinstance(number, bool) or not isinstance(number, int | float):
         return False
     try:
-        return math.isfinite(value)
+        return math.isfinite(number)
     except OverflowError:
         return False
 
 
 def check_fields(name: str, value: Any) -> None:
     """Raise InvalidInputError unless all fields of a dataclass are numbers as they are declared.
+
+    Numbers of NumPy are replaced by Python's, so that the fields are written as JSON.
 
     Parameters
     ----------
@@ -113,7 +135,9 @@ def check_fields(name: str, value: Any) -> None:
     """
     hints = get_type_hints(type(value))
     for field in fields(value):
-        _check_value(f"{name}: {field.name}", getattr(value, field.name), hints[field.name])
+        number = to_python_number(getattr(value, field.name))
+        _check_value(f"{name}: {field.name}", number, hints[field.name])
+        object.__setattr__(value, field.name, number)
 
 
 def make_reader(
@@ -139,7 +163,7 @@ def make_reader(
         for field in fields(chosen):
             label = f"{kind}: {field.name}"
             if field.name in values:
-                _check_value(label, values[field.name], hints[field.name])
+                _check_value(label, to_python_number(values[field.name]), hints[field.name])
             elif field.default is MISSING:
                 raise InvalidInputError(f"{label}: missing in the {name}")
         return chosen(**values)

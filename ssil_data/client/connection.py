@@ -13,7 +13,7 @@ import httpx
 
 from ssil_data.client.error_kinds import error_of_status
 from ssil_data.errors import DamagedError, InvalidInputError, SsilDataError
-from ssil_data.json_kinds import show_short
+from ssil_data.json_kinds import show_short, to_python_number
 
 _BUSY = (429, 503)
 _REPEATABLE_METHODS = frozenset({"GET", "HEAD"})
@@ -70,12 +70,13 @@ class RetryPolicy:
     def __post_init__(self) -> None:
         """Validate the seconds; infinitely many mean for ever."""
         for field in fields(RetryPolicy):  # a subclass may have others
-            seconds = getattr(self, field.name)
+            seconds = to_python_number(getattr(self, field.name))
             number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
             if not number or not seconds >= 0:
                 raise InvalidInputError(
                     f"{field.name}: expected seconds, 0 or more, found {show_short(seconds)}"
                 )
+            object.__setattr__(self, field.name, seconds)
 
     def seconds_before(self, attempt: int, announced: float) -> float:
         """Return how long to wait before another attempt.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Pairs
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators.unlabeled import UnlabeledSample
-from ssil_data.json_kinds import show_short
+from ssil_data.json_kinds import show_short, to_python_number
 
 BLOCK = 512
 """Rows computed at once, so that their intermediate results stay in the processor's cache."""
@@ -247,6 +247,7 @@ def _check_setting(name: str, value: Any, default: object) -> float:
         if isinstance(value, bool):
             return value
         raise InvalidInputError(f"{name}: expected true or false, found {show_short(value)}")
+    value = to_python_number(value)
     whole = isinstance(default, int)
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     most = MOST_WHOLE if whole else sys.float_info.max

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import check_fields, shorten, show_short
+from ssil_data.json_kinds import check_fields, shorten, show_short, to_python_number
 from ssil_data.pooling.base import FittedPooling, Pooling, find_starts
 from ssil_data.ranks import KNOTS, find_knots, normal_scores
 
@@ -56,6 +56,7 @@ class Window(Pooling):
 
     def __post_init__(self) -> None:
         """Validate a whole number of steps."""
+        object.__setattr__(self, "half_width", to_python_number(self.half_width))
         if not _is_width(self.half_width, least=1):
             raise InvalidInputError(
                 f"window: half_width: expected a whole number from 1 to {WIDEST:,}, "

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import check_fields, show_short
+from ssil_data.json_kinds import check_fields, show_short, to_python_number
 from ssil_data.ranks import interpolate
 from ssil_data.scales.base import FittedScale, Scale, check_finite, check_numbers, read_numbers
 
@@ -58,7 +58,7 @@ class Posterior(Scale):
 
     def __post_init__(self) -> None:
         """Validate the share."""
-        share = self.expert_share
+        share = to_python_number(self.expert_share)
         if share is None:
             return
         number = isinstance(share, int | float) and not isinstance(share, bool)

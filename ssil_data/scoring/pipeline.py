@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ssil_data.demonstrations import Pairs
 from ssil_data.estimators import Estimator, sample_unlabeled
 from ssil_data.estimators.label_split import split_held_out
+from ssil_data.json_kinds import to_python_number
 from ssil_data.leverage_model import LeverageModel
 from ssil_data.scales import Conformal, Scale
 from ssil_data.scoring.cross_fit import rank_labeled
@@ -79,6 +80,7 @@ def score(
     >>> leverage.shape == (len(dataset),), bool(leverage.min() >= 0), bool(leverage.max() <= 1)
     (True, True, True)
     """
+    labels, seed = to_python_number(labels), to_python_number(seed)
     if not isinstance(dataset, Dataset):
         chosen = preset("default") if recipe is None else recipe
         return dataset.score(chosen, labels=labels, seed=seed, run=run, progress=progress)

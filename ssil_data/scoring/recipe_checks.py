@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import TypeVar
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import is_finite, show_short
+from ssil_data.json_kinds import is_finite, show_short, to_python_number
 
 _Kind = TypeVar("_Kind")
 
@@ -90,7 +90,7 @@ def check_floor(name: str, value: float) -> None:
     value
         The floor.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(to_python_number(value), int | float):
         raise InvalidInputError(f"{name}: expected a number, found {show_short(value)}")
     if not is_finite(value) or value < 0:
         raise InvalidInputError(f"{name}: expected 0 or more, found {show_short(value)}")

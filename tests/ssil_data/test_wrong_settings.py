@@ -5,6 +5,7 @@ Every field of every kind is tried, so that a setting that is added later is tri
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import Any, get_type_hints
@@ -18,6 +19,8 @@ from ssil_data.client import RetryPolicy
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import ESTIMATORS
 from ssil_data.pooling.kinds import FITTED as FITTED_POOLING_KINDS
+from ssil_data.pooling.window import FittedWindow
+from ssil_data.ranks import KNOTS
 
 UNCERTAINTY = np.linspace(0, 1, 200)
 EPISODE = np.repeat([0, 1], 100)
@@ -84,6 +87,54 @@ def test_a_setting_of_another_type_is_refused_by_its_name(valid: Any, name: str,
     with pytest.raises(InvalidInputError, match=rf"(?s)\b{name}: expected .*found") as refused:
         replace(valid, **{name: value})
     assert len(str(refused.value)) < 400
+
+
+def list_numbers() -> Iterator[Any]:
+    for valid in VALID:
+        for field in fields(valid):
+            value = getattr(valid, field.name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                label = f"{type(valid).__name__}-{field.name}"
+                yield pytest.param(valid, field.name, value, id=label)
+
+
+@pytest.mark.parametrize(("valid", "name", "value"), list(list_numbers()))
+def test_a_number_of_numpy_is_kept_as_one_of_python(valid: Any, name: str, value: float):
+    whole = isinstance(value, int)
+    kinds = (np.int64, np.uint32) if whole else (np.float64, np.float32)
+    for kind in kinds:
+        given = kind(value)
+        kept = getattr(replace(valid, **{name: given}), name)
+        assert type(kept) is type(value)
+        assert kept == given
+        assert json.loads(json.dumps(kept)) == kept
+    wrong = (np.bool_(True), np.str_("x"), *((np.float64(1.5),) if whole else ()))
+    for given in (*wrong, *(() if isinstance(valid, RetryPolicy) else (np.float32(np.nan),))):
+        with pytest.raises(InvalidInputError, match=rf"(?s)\b{name}: expected .*found"):
+            replace(valid, **{name: given})
+
+
+def test_a_share_of_numpy_is_kept_as_a_number_of_python():
+    share = sd.Posterior(np.float32(0.05)).expert_share  # pyright: ignore[reportArgumentType]
+    assert type(share) is float and share == np.float32(0.05)
+    for given in (np.bool_(True), np.float32(np.nan), np.int64(2)):
+        wrong: Any = given
+        with pytest.raises(InvalidInputError, match="expert_share: expected 0 < share < 1"):
+            sd.Posterior(wrong)
+
+
+def test_sequences_of_numbers_of_numpy_are_kept_as_numbers_of_python():
+    knots = np.linspace(0, 1, KNOTS, dtype=np.float32)
+    window = FittedWindow(25, list(knots))  # pyright: ignore[reportArgumentType]
+    assert json.loads(json.dumps(window.knots)) == list(window.knots)
+    assert window == FittedWindow(25, knots.tolist())
+
+
+def test_a_seed_and_labels_of_numpy_make_a_run_that_is_read_again(dataset: sd.Dataset):
+    seed: Any = np.int64(3)
+    labels: Any = np.int32(50)
+    run = sd.score(dataset, sd.VAE(steps=20), seed=seed, labels=labels, run="numpy")
+    assert (dataset.runs["numpy"].seed, run.labeled) == (3, 50)
 
 
 def test_every_kind_of_settings_and_fitted_values_is_tried():

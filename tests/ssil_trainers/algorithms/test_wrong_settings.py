@@ -5,10 +5,12 @@ Every field is tried, so that a setting that is added later is tried too.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ssil_data.errors import InvalidInputError
@@ -42,6 +44,29 @@ def test_a_setting_of_another_type_is_refused_by_its_name(name: str, value: Any)
     with pytest.raises(InvalidInputError, match=rf"^{name}: expected .*found") as refused:
         TrainSettings(**{name: value})
     assert len(str(refused.value)) < 200
+
+
+NUMBERS = [field.name for field in fields(TrainSettings) if field.type in ("int", "float")]
+
+
+@pytest.mark.parametrize("name", [*NUMBERS, "cor_alpha"])
+def test_a_number_of_numpy_is_kept_as_one_of_python(name: str) -> None:
+    value = 3.0 if name == "cor_alpha" else getattr(TrainSettings(), name)
+    kinds = (np.int64, np.uint32) if isinstance(value, int) else (np.float64, np.float32)
+    for kind in kinds:
+        kept = getattr(TrainSettings(**{name: kind(value)}), name)
+        assert type(kept) is type(value)
+        assert kept == kind(value)
+        assert json.loads(json.dumps(kept)) == kept
+    with pytest.raises(InvalidInputError, match=rf"^{name}: expected .*found"):
+        TrainSettings(**{name: np.bool_(True)})
+
+
+def test_a_fraction_is_no_count_even_if_it_is_whole() -> None:
+    for value in (1024.0, np.float64(1024)):
+        wrong: Any = value
+        with pytest.raises(InvalidInputError, match=r"^steps: expected a whole number .*1024\.0"):
+            TrainSettings(steps=wrong)
 
 
 def test_whole_numbers_do_for_any_number() -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from ssil_data.errors import InvalidInputError
-from ssil_data.json_kinds import is_finite, show_short
+from ssil_data.json_kinds import is_finite, show_short, to_python_number
 from ssil_data.kernels import check_alpha
 
 _MAY_BE_ZERO = frozenset(
@@ -112,8 +112,9 @@ class TrainSettings:
         reward of ssil and ssil-leverage; 0 is off.
     expert_weighting:
         How methods that imitate by leverage weight unlabeled pairs: `sure` takes those of leverage
-        `SURE` or more, all alike, and no others; `posterior` weights by the leverage w itself;
-        `ratio` by its odds w / (1 − w), a density ratio of experts to others.
+        .95 or more, all alike, and no others; `posterior` weights by the leverage w itself; `ratio`
+        by its odds w / (1 − w), a density ratio of experts to others. None counts more than a
+        labeled pair.
     odds_limit:
         The largest odds of leverage, above 1, in that ratio and in the pair reward: at 20, leverage
         above .952 counts as .952. Leverage is calibrated to some hundredths at best, so larger odds
@@ -192,7 +193,8 @@ class TrainSettings:
     def __post_init__(self) -> None:
         """Validate every value."""
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = to_python_number(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
             required = _find_violated_range(field.name, value, str(field.type))
             if required:
                 raise InvalidInputError(
