@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ssil_data.errors import InvalidInputError
 
 BINS = 10
 """Bins of a calibration curve, of about equal numbers of pairs."""
@@ -43,9 +45,14 @@ def find_calibration(expert: NDArray[np.floating], negative: NDArray[np.floating
     Parameters
     ----------
     expert, negative
-        Leverage of expert and of other pairs, (n,) and (m,), at least one together.
+        Leverage of expert and of other pairs, (n,) and (m,), at least one together, none NaN.
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN, which is in no bin.
     """
-    values = np.concatenate([expert, negative]).astype(np.float64)
+    values = refuse_nan("leverage", np.concatenate([expert, negative]))
     edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]))
     place = np.searchsorted(edges, values, side="right")
     pairs = np.bincount(place)
@@ -57,3 +64,27 @@ def find_calibration(expert: NDArray[np.floating], negative: NDArray[np.floating
         expert_share=experts[filled] / pairs[filled],
         pairs=pairs[filled],
     )
+
+
+def refuse_nan(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return numbers as float64; NaN is refused, as sorting would rank it above all others.
+
+    Parameters
+    ----------
+    name
+        What the message calls them.
+    values
+        (n,).
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN; the message says where the first one is.
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    rows = np.flatnonzero(np.isnan(numbers))
+    if len(rows):
+        raise InvalidInputError(
+            f"{name}: expected numbers, found nan at row {rows[0]}, {len(rows):,} in all"
+        )
+    return numbers

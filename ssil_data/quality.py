@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from ssil_data.calibration import Calibration, find_calibration
+from ssil_data.calibration import Calibration, find_calibration, refuse_nan
+from ssil_data.errors import InvalidInputError
 from ssil_data.store.dataset import Dataset
 
 EXPERT = "expert"
@@ -82,6 +83,11 @@ def measure_quality(dataset: Dataset, leverage: NDArray[np.float32]) -> Quality:
     Quality
         The measures; None where the dataset lacks what they need.
 
+    Raises
+    ------
+    InvalidInputError
+        Unless there is one number per pair.
+
     Examples
     --------
     >>> judged = sd.measure_quality(dataset, dataset.leverage("vae"))
@@ -125,6 +131,11 @@ def compare_with_tiers(dataset: Dataset, leverage: NDArray[np.float32]) -> Calib
     -------
     Calibration or None
         None unless there are expert pairs and others.
+
+    Raises
+    ------
+    InvalidInputError
+        Unless there is one number per pair.
     """
     episodes = _UnlabeledEpisodes(dataset.episodes, leverage)
     expert = episodes.pairs(episodes.of_tier(EXPERT))
@@ -140,14 +151,29 @@ def auroc(high: ArrayLike, low: ArrayLike) -> float:
     Parameters
     ----------
     high, low
-        At least one finite value each, (n,) and (m,).
+        At least one value each, (n,) and (m,), none of them NaN.
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN, which has no rank, and for no value.
 
     Source
     ------
     Mann and Whitney, 1947: U / (n m).
+
+    Examples
+    --------
+    >>> from ssil_data.quality import auroc
+    >>> auroc([0.5, 0.9], [0.1, 0.5])
+    0.875
     """
-    one = np.asarray(high, dtype=np.float64)
-    other = np.sort(np.asarray(low, dtype=np.float64))
+    one = refuse_nan("high", high)
+    other = np.sort(refuse_nan("low", low))
+    if not (one.size and other.size):
+        raise InvalidInputError(
+            f"auroc: needs values of both kinds, found {one.size} high and {other.size} low ones"
+        )
     below = np.searchsorted(other, one, side="left").sum()
     up_to = np.searchsorted(other, one, side="right").sum()
     return float((below + up_to) / 2 / (len(one) * len(other)))
@@ -159,15 +185,20 @@ def spearman(values: ArrayLike, others: ArrayLike) -> float | None:
     Parameters
     ----------
     values, others
-        Finite values, (n,) each.
+        (n,) each, without NaN.
 
     Returns
     -------
     float or None
         None if either is constant or there are under three.
+
+    Raises
+    ------
+    InvalidInputError
+        For NaN, which has no rank.
     """
-    one = np.asarray(values, dtype=np.float64)
-    other = np.asarray(others, dtype=np.float64)
+    one = refuse_nan("values", values)
+    other = refuse_nan("others", others)
     if len(one) < 3 or not np.ptp(one) or not np.ptp(other):
         return None
     # not by scipy.stats, whose import takes most of the time of `ssil-data show`
@@ -186,7 +217,7 @@ def partial_spearman(values: ArrayLike, others: ArrayLike, given: ArrayLike) -> 
     Parameters
     ----------
     values, others
-        Finite values, (n,) each.
+        (n,) each, without NaN.
     given
         What is held constant, (n,).
 
@@ -195,15 +226,21 @@ def partial_spearman(values: ArrayLike, others: ArrayLike, given: ArrayLike) -> 
     float or None
         None where `spearman` is, or where `given` explains one of the two entirely.
 
+    Raises
+    ------
+    InvalidInputError
+        For NaN, which has no rank.
+
     Source
     ------
     Partial correlation of first order, (r_xy − r_xz r_yz) / ((1 − r_xz²)(1 − r_yz²))^½, of ranks.
     """
+    held = refuse_nan("given", given)
     between = spearman(values, others)
     if between is None:
         return None
-    to_values = spearman(values, given)
-    to_others = spearman(others, given)
+    to_values = spearman(values, held)
+    to_others = spearman(others, held)
     if to_values is None or to_others is None:
         return between
     spread = np.sqrt((1 - to_values**2) * (1 - to_others**2))
@@ -215,6 +252,12 @@ class _UnlabeledEpisodes:
 
     def __init__(self, episodes: pa.Table, leverage: NDArray[np.float32]) -> None:
         stops = np.cumsum(episodes["length"].to_numpy())
+        pairs = int(stops[-1]) if len(stops) else 0
+        if np.shape(leverage) != (pairs,):
+            raise InvalidInputError(
+                f"leverage: expected one number per pair, {pairs}, found shape {np.shape(leverage)}"
+            )
+        refuse_nan("leverage", leverage)
         unlabeled = ~episodes["labeled"].to_numpy()
         self.leverage = leverage
         self.length = episodes["length"].to_numpy()[unlabeled]

@@ -1,13 +1,17 @@
 """Ranks and tiers are judged as other libraries and hand-made cases judge them."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
+from ssil_data.calibration import find_calibration
 from ssil_data.commands.output import StoreLocation, print_table
 from ssil_data.commands.show import show
+from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import GPR
 from ssil_data.quality import (
     auroc,
@@ -83,6 +87,49 @@ def test_partial_spearman_without_a_constant_is_spearman_and_of_the_same_thing_i
     assert partial_spearman([1, 2, 3, 4], [1, 3, 2, 4], [5, 5, 5, 5]) == pytest.approx(0.8)
     assert partial_spearman([1, 2, 3, 4], [1, 3, 2, 4], [1, 2, 3, 4]) is None
     assert partial_spearman([1, 1, 1, 1], [1, 3, 2, 4], [1, 2, 3, 4]) is None
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("infinite", [np.inf, -np.inf])
+def test_infinity_has_a_rank(infinite: float):
+    assert auroc([infinite], [0.0]) == (infinite > 0)
+    assert spearman([infinite, 0.0, 1.0], [infinite, 0.0, 1.0]) == pytest.approx(1)
+
+
+def test_nan_has_no_rank_and_is_refused_with_where_it_is():
+    calls = {
+        "high": lambda: auroc([0.5, NAN], [0.1]),
+        "low": lambda: auroc([0.5], [0.1, NAN]),
+        "values": lambda: spearman([1, NAN, 3], [1, 2, 3]),
+        "others": lambda: spearman([1, 2, 3], [1, NAN, 3]),
+        "given": lambda: partial_spearman([1, 2, 3], [1, 3, 2], [1, NAN, 3]),
+        "leverage": lambda: find_calibration(np.array([0.5, NAN]), np.array([0.1])),
+    }
+    for name, call in calls.items():
+        with pytest.raises(InvalidInputError, match=f"^{name}: expected numbers, found nan at row"):
+            call()
+
+
+def test_auroc_of_nothing_is_refused():
+    with pytest.raises(InvalidInputError, match="found 0 high and 2 low ones"):
+        auroc([], [0.1, 0.2])
+
+
+@pytest.mark.parametrize("judge", [measure_quality, compare_with_tiers])
+def test_leverage_that_is_no_number_per_pair_is_refused(
+    dataset: Dataset, judge: Callable[[Dataset, np.ndarray], object]
+):
+    leverage = np.full(len(dataset), 0.5, np.float32)
+    for row in (0, len(dataset) - 1):
+        wrong = leverage.copy()
+        wrong[row] = np.nan
+        with pytest.raises(InvalidInputError, match=f"leverage: .*found nan at row {row}, 1 in"):
+            judge(dataset, wrong)
+    for wrong in (leverage[:-1], np.append(leverage, 1), leverage[:, None]):
+        with pytest.raises(InvalidInputError, match="leverage: expected one number per pair, 420"):
+            judge(dataset, wrong)
 
 
 def test_tiers_are_ordered_and_averaged_over_unlabeled_pairs(dataset: Dataset):

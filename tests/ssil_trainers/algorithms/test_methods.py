@@ -33,6 +33,18 @@ def test_demonstrations_of_unequal_lengths_or_without_labels_are_refused() -> No
         Demonstrations(of.states, of.actions, np.zeros(len(of.states), bool))
 
 
+@pytest.mark.parametrize("wrong", [np.nan, -0.1, 1.1, np.inf])
+def test_leverage_that_is_no_number_from_0_to_1_per_pair_is_refused(wrong: float) -> None:
+    of = demonstrations()
+    assert of.leverage is not None
+    leverage = of.leverage.copy()
+    leverage[7] = wrong
+    with pytest.raises(InvalidInputError, match=r"leverage: .* from 0 to 1, found .* at row 7"):
+        replace(of, leverage=leverage)
+    with pytest.raises(InvalidInputError, match="leverage: expected one number per pair, 1500"):
+        replace(of, leverage=of.leverage[1:])
+
+
 @pytest.mark.parametrize(
     ("method", "pairs"),
     [

@@ -40,7 +40,7 @@ class Demonstrations:
     Raises
     ------
     InvalidInputError
-        For unequal lengths, or without a labeled pair.
+        For unequal lengths, without a labeled pair, or for leverage that is not from 0 to 1.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Demonstrations:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unequal lengths, and demonstrations without a labeled pair."""
+        """Refuse unequal lengths, no labeled pair, and leverage out of its range."""
         lengths = (len(self.states), len(self.actions), len(self.labeled))
         if len(set(lengths)) > 1:
             raise InvalidInputError(
@@ -67,6 +67,8 @@ class Demonstrations:
             )
         if not self.labeled.any():
             raise InvalidInputError("demonstrations: no pair is labeled; label at least one")
+        if self.leverage is not None:
+            _check_leverage(self.leverage, len(self.labeled))
 
     @property
     def standardizer(self) -> Standardizer:
@@ -111,4 +113,18 @@ class Demonstrations:
         """
         return LeverageField(
             self.states, leverage, self.labeled, self.standardizer, alpha, threads=self.threads
+        )
+
+
+def _check_leverage(leverage: NDArray[np.float32], pairs: int) -> None:
+    """Raise InvalidInputError unless there is one number from 0 to 1 per pair; NaN is none."""
+    if leverage.shape != (pairs,):
+        raise InvalidInputError(
+            f"leverage: expected one number per pair, {pairs}, found shape {leverage.shape}"
+        )
+    outside = np.flatnonzero(~((leverage >= 0) & (leverage <= 1)))
+    if len(outside):
+        raise InvalidInputError(
+            f"leverage: expected numbers from 0 to 1, found {leverage[outside[0]]} at row "
+            f"{outside[0]}"
         )
