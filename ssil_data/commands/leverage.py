@@ -19,6 +19,7 @@ from ssil_data.commands.output import (
 )
 from ssil_data.errors import InvalidInputError
 from ssil_data.report import write_report
+from ssil_data.scales import Posterior
 from ssil_data.scoring import preset as recipe_of
 from ssil_data.scoring import rescore
 from ssil_data.scoring import score as score_dataset
@@ -56,7 +57,7 @@ def score(
     """Give every pair a leverage in [0, 1]: the chance that it is the expert's.
 
     Leverage near 1 means that a pair is like the expert's. The values are stored as a run. Without
-    any choice, what measured best: four estimators together, pooled over time. A run that should
+    any choice, what measured best: three estimators together, pooled over time. A run that should
     not be trusted is printed as weak, with the reasons.
 
     Parameters
@@ -124,6 +125,11 @@ def score(
                 pooling=pool,
                 expert_share=_parse_share(expert_share),
             )
+            if expert_share is not None and not isinstance(recipe.scale, Posterior):
+                raise InvalidInputError(
+                    "expert_share: only the posterior scale estimates one, the scale is "
+                    f"{recipe.scale.kind}"
+                )
             if scale_floor is not None:
                 recipe = replace(recipe, scale_floor=scale_floor)
             if self_training is not None:

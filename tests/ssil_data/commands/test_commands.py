@@ -232,6 +232,13 @@ def test_mistakes_get_one_message_and_status_2_and_write_nothing(scored: Shell):
         "only the posterior scale takes one": (
             *("score", "drives", "--scale", "quantile", "--expert-share", ".5"),
         ),
+        "only the posterior scale estimates one, the scale is quantile": (
+            *("score", "drives", "--scale", "quantile", "--expert-share", "auto"),
+        ),
+        "only the posterior scale estimates one, the scale is minmax": (
+            *("score", "drives", "--preset", "paper", "--estimator", "vae"),
+            *("--expert-share", "auto"),
+        ),
         "scale_floor: expected 0 or more, found -1": ("score", "drives", "--scale-floor=-1"),
         "from 2 to 120, the labeled pairs, found 1": ("score", "drives", "--labels", "1"),
         "from 2 to 120, the labeled pairs, found 121": ("score", "drives", "--labels", "121"),

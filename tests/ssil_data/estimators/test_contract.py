@@ -158,20 +158,21 @@ def test_a_number_that_is_no_seed_is_refused(
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_very_few_labeled_pairs_are_enough(
-    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample, count: int
 ):
-    fitted = brief.fit(expert[:count], seed=0, unlabeled=unlabeled)
+    fitted = estimator.fit(expert[:count], seed=0, unlabeled=unlabeled)
     assert np.isfinite(fitted.uncertainty(expert).total).all()
 
 
 def test_constant_dimensions_are_no_obstacle(
-    brief: Estimator, expert: Pairs, unlabeled: UnlabeledSample
+    estimator: Estimator, expert: Pairs, unlabeled: UnlabeledSample
 ):
     few = expert[:90]
     states, actions = few.states.copy(), few.actions.copy()
     states[:, 0], actions[:, 0] = 3.0, 0.0
     pairs = Pairs(states, actions, few.episode, few.step)
-    assert np.isfinite(brief.fit(pairs, seed=0, unlabeled=unlabeled).uncertainty(pairs).total).all()
+    fitted = estimator.fit(pairs, seed=0, unlabeled=unlabeled)
+    assert np.isfinite(fitted.uncertainty(pairs).total).all()
 
 
 def test_settings_and_scoring_do_not_wait_for_torch():
