@@ -1,4 +1,7 @@
-"""What a method does not use is refused, and all that is refused would have changed nothing."""
+"""What a method does not use is refused, and all that is refused would have changed nothing.
+
+So is what a preset or a method would replace.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ import numpy as np
 import pytest
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.config import PAPER, TrainSettings
 from ssil_trainers.algorithms.demonstrations import Demonstrations
-from ssil_trainers.algorithms.methods import MethodName
+from ssil_trainers.algorithms.given_settings import GivenSettings, apply_preset, list_given
+from ssil_trainers.algorithms.methods import METHODS, MethodName
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.algorithms.unused_settings import FOR_ALL, USERS, check_used
 from ssil_trainers.training.data import TrainingData
@@ -45,6 +49,7 @@ CHANGED: dict[str, Any] = {
     "pair_reward": 0.5,
     "expert_weighting": "ratio",
     "odds_limit": 3.0,
+    "pretrained": True,
     "cloning_batch": 16,
     "cloning_rate": 1e-2,
     "cloning_weight_decay": 1.0,
@@ -137,6 +142,53 @@ def test_an_option_that_needs_another_is_taken_with_it() -> None:
 def test_the_methods_own_value_is_taken() -> None:
     check_used("constant", replace(SHORT, discriminator_steps=0))
     check_used("clone", replace(SHORT, pretrained=True))
+
+
+@pytest.mark.parametrize("method", get_args(MethodName))
+def test_whatever_the_method_replaces_is_refused_even_if_it_is_the_default(
+    method: MethodName,
+) -> None:
+    """But for the number of steps, which says what a run may cost."""
+    own = METHODS[method].fixed_settings
+    for name, value in own.items():
+        usual = getattr(TrainSettings(), name)
+        check_used(method, GivenSettings(**{name: value}))
+        assert is_refused(method, GivenSettings(**{name: usual})) == (
+            name in USERS and usual != value
+        )
+    for name in USERS.keys() - own.keys():
+        check_used(method, GivenSettings(**{name: getattr(TrainSettings(), name)}))
+
+
+def test_a_resumed_run_may_be_given_again_what_it_was_given() -> None:
+    given = GivenSettings(eta=3.0, pair_reward=0.5)
+    check_used("gail", given, stored={"eta": 3.0, "pair_reward": 0.5})
+    with pytest.raises(InvalidInputError, match=r"^--pair-reward: used by ssil[^;]*$"):
+        check_used("gail", given, stored={"eta": 3.0, "pair_reward": 0.0})
+    with pytest.raises(InvalidInputError, match=r"^--pair-reward: used by ssil[^;]*$"):
+        check_used("gail", given, stored={"eta": 3.0})
+
+
+def test_given_settings_are_the_same_settings_and_know_what_was_given() -> None:
+    given = GivenSettings(kl=0.01, seed=3)
+    assert list_given(given) == ["kl", "seed"]
+    assert list_given(TrainSettings(kl=0.01, seed=3)) == ["seed"]
+    assert given.forget() == TrainSettings(seed=3)
+    assert type(given.forget()) is TrainSettings
+    with pytest.raises(InvalidInputError, match="kl: expected a number above 0"):
+        GivenSettings(kl=0)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_preset_paper_takes_its_own_value_and_refuses_any_other(name: str) -> None:
+    own = PAPER[name]
+    paper = TrainSettings(**PAPER)
+    assert apply_preset("paper", GivenSettings(**{name: own})) == paper
+    for other in {CHANGED[name], getattr(TrainSettings(), name)} - {own}:
+        given = GivenSettings(**{name: other})
+        assert getattr(apply_preset("default", given), name) == other
+        with pytest.raises(InvalidInputError, match=name.replace("_", "-")):
+            apply_preset("paper", given)
 
 
 def test_the_message_names_every_option_and_who_uses_it() -> None:

@@ -248,6 +248,38 @@ def test_the_paper_preset_is_the_papers_leverage_and_loop(monkeypatch: pytest.Mo
     assert paper.training != usual.training
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--preset", "paper", "--training.gae-lambda", "0.97"],
+            "--preset paper: has --training.gae-lambda 0.0; leave out --training.gae-lambda 0.97,",
+        ),
+        (
+            ["--preset", "paper", "--training.centered"],
+            "--preset paper: has --training.no-centered; leave out --training.centered,",
+        ),
+        (["--training.steps", "5"], "--training.steps: every table has its own, or those of --bud"),
+        (["--training.seed", "0"], "--training.seed: the seeds are those of --first-seed"),
+        (["--training.no-pretrained"], "--training.no-pretrained: every table has its own"),
+        (["--training.evaluate-every", "5"], "--training.evaluate-every: every table has its own"),
+    ],
+)
+def test_settings_of_training_that_would_be_replaced_are_refused(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit) as left:
+        main(["reproduce", *words, "-o", str(tmp_path / "out")])
+    assert left.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_of_training_as_the_preset_has_them_are_taken(monkeypatch: pytest.MonkeyPatch):
+    words = ["--preset", "paper", "--training.gae-lambda", "0", "--training.kl", "0.02"]
+    assert planned(words, monkeypatch).training == replace(TrainSettings(kl=0.02), **PAPER)
+
+
 def test_coverage_is_run_on_demand_alone(monkeypatch: pytest.MonkeyPatch):
     assert "coverage" not in {table.name for table in planned([], monkeypatch).tables}
     (table,) = planned(["--table", "coverage", "--labels", "8"], monkeypatch).tables

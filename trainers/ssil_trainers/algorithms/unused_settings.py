@@ -1,4 +1,4 @@
-"""Settings that were changed and that a method does not use, which a command refuses.
+"""Settings that were given and that a method does not use, which a command refuses.
 
 In Python one set of settings may serve several methods, each of which takes what it uses.
 """
@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 from ssil_data.errors import InvalidInputError
 from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.given_settings import list_given, name_option
 from ssil_trainers.algorithms.methods import METHODS, Method, MethodName
 from ssil_trainers.algorithms.rewards import no_shaping, shape_by_cor, shape_by_lcor
 
@@ -21,7 +23,6 @@ FOR_ALL = frozenset(
         "horizon",
         "hidden",
         "log_sigma",
-        "pretrained",
         "cloning_steps",
         "boundary",
         "evaluate_every",
@@ -64,6 +65,7 @@ def _has_discriminator(method: Method) -> bool:
 
 USERS: Mapping[str, Callable[[Method], bool]] = MappingProxyType(
     {
+        "pretrained": lambda method: "pretrained" not in method.fixed_settings,
         **dict.fromkeys(_CLONING, lambda method: True),
         **dict.fromkeys(_LOOP, _has_loop),
         **dict.fromkeys(_DISCRIMINATOR, _has_discriminator),
@@ -77,8 +79,12 @@ USERS: Mapping[str, Callable[[Method], bool]] = MappingProxyType(
 """Which methods use a setting, for all settings that some do not."""
 
 
-def check_used(method: MethodName, settings: TrainSettings) -> None:
-    """Raise InvalidInputError for settings that differ from their defaults and are not used.
+def check_used(
+    method: MethodName, settings: TrainSettings, *, stored: Mapping[str, Any] | None = None
+) -> None:
+    """Raise InvalidInputError for settings that were given, change nothing and say that they would.
+
+    A default is no such setting, unless the method has another value of its own.
 
     Parameters
     ----------
@@ -86,6 +92,8 @@ def check_used(method: MethodName, settings: TrainSettings) -> None:
         Name of the method.
     settings:
         Settings as they were given, before a preset or the method changes them.
+    stored:
+        Settings of the run that is resumed, which may be given again: version 0.1 refused none.
 
     Raises
     ------
@@ -98,15 +106,18 @@ def check_used(method: MethodName, settings: TrainSettings) -> None:
     >>> check_used("gail", TrainSettings(cor_alpha=3.0))
     Traceback (most recent call last):
     ssil_data.errors.InvalidInputError: --cor-alpha: used by mixgail, not by gail
+    >>> check_used("gail", TrainSettings(cor_alpha=3.0), stored={"cor_alpha": 3.0})
     """
     usual = TrainSettings()
+    own = METHODS[method].fixed_settings
     unused = []
     for name, is_used_by in USERS.items():
         value = getattr(settings, name)
-        fixed = METHODS[method].fixed_settings.get(name, getattr(usual, name))
-        if value in (getattr(usual, name), fixed):
+        if name not in list_given(settings) or value == own.get(name, getattr(usual, name)):
             continue
-        flag = _flag(name, value)
+        if stored is not None and name in stored and stored[name] == value:
+            continue
+        flag = name_option(name, value)
         if not is_used_by(METHODS[method]):
             users = ", ".join(other for other, row in METHODS.items() if is_used_by(row))
             unused.append(f"{flag}: used by {users}, not by {method}")
@@ -131,8 +142,3 @@ def _find_missing(name: str, method: Method, settings: TrainSettings) -> str:
         "--pair-reward": method.shaping is shape_by_lcor,
     }
     return " or ".join(option for option, helps in options.items() if helps)
-
-
-def _flag(name: str, value: object) -> str:
-    """Return the option that sets a setting so."""
-    return f"--{'no-' if value is False else ''}{name.replace('_', '-')}"

@@ -13,7 +13,13 @@ from cyclopts import Parameter
 from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
 from ssil_data.errors import InvalidInputError
 from ssil_data.store import Store
-from ssil_trainers.algorithms.config import PAPER, TrainSettings
+from ssil_trainers.algorithms.given_settings import (
+    GivenSettings,
+    PresetName,
+    apply_preset,
+    list_given,
+    name_option,
+)
 from ssil_trainers.experiments.plan import Plan, find_missing_fits
 from ssil_trainers.experiments.process_pool import Report, count_processors, open_pool, run_tasks
 from ssil_trainers.experiments.publishing import publish
@@ -30,6 +36,14 @@ FRESH_SEED = 300
 
 Seeds 0–2 tuned the defaults; 100–105 and 200–202 were looked at in between.
 """
+
+_OF_TABLES = {
+    "seed": "the seeds are those of --first-seed and --seeds",
+    "steps": "every table has its own, or those of --budget",
+    "pretrained": "every table has its own",
+    "evaluate_every": "every table has its own",
+}
+"""Settings of training that are not the caller's, and where they come from."""
 
 
 def _check_least(name: str, number: int | None, least: int) -> None:
@@ -62,12 +76,13 @@ class ReproductionSettings:
     methods:
         Only these methods.
     training:
-        Settings of training; steps, seed, pretrained and evaluate-every are the tables'.
+        Settings of training; steps, seed, pretrained and evaluate-every are the tables', and those
+        that the preset has are the preset's: given another value, they are refused.
 
     Raises
     ------
     InvalidInputError
-        For a number below its minimum.
+        For a number below its minimum, and for settings of training that would be replaced.
 
     Examples
     --------
@@ -79,16 +94,21 @@ class ReproductionSettings:
     seeds: int = 3
     first_seed: int = FRESH_SEED
     budget: int | None = None
-    preset: Literal["default", "paper"] = "default"
+    preset: PresetName = "default"
     labels: tuple[int, ...] = ()
     methods: tuple[str, ...] = ()
-    training: TrainSettings = TrainSettings()  # noqa: RUF009  frozen
+    training: GivenSettings = GivenSettings()  # noqa: RUF009  frozen
 
     def __post_init__(self) -> None:
-        """Validate every number."""
+        """Validate every number, and refuse settings of training that would be replaced."""
         _check_least("seeds", self.seeds, 1)
         _check_least("first-seed", self.first_seed, 0)
         _check_least("budget", self.budget, 1)
+        for name in list_given(self.training):
+            if name in _OF_TABLES:
+                option = name_option(f"training.{name}", getattr(self.training, name))
+                raise InvalidInputError(f"{option}: {_OF_TABLES[name]}; leave it out")
+        apply_preset(self.preset, self.training, prefix="training.")
 
     @property
     def is_whole(self) -> bool:
@@ -111,15 +131,12 @@ class ReproductionSettings:
         ]
         if self.table == COVERAGE.name:
             tables = [COVERAGE]
-        training = self.training
-        if self.preset == "paper":
-            training = replace(training, **PAPER)
         return Plan(
             tables=_narrow_tables(tables, self.labels, self.methods),
             leverage="racetrack" if self.table in (LEVERAGE, "all") else None,
             seeds=tuple(range(self.first_seed, self.first_seed + self.seeds)),
             preset=self.preset,
-            training=training,
+            training=apply_preset(self.preset, self.training),
             budget=self.budget,
             source=source,
             output=output,

@@ -75,6 +75,20 @@ def read_checkpoint(
     return arrays, metadata
 
 
+def read_settings(folder: Path) -> dict[str, Any]:
+    """Read the settings that a checkpoint's run was made with, by the names in `TrainSettings`.
+
+    Parameters
+    ----------
+    folder:
+        Where the run keeps its files.
+    """
+    _, metadata = tensor_file.read(folder / CHECKPOINT, KIND)
+    names = {stored: name for name, stored in STORED_NAMES.items()}
+    settings: Mapping[str, Any] = metadata["identity"]["settings"]
+    return {names.get(stored, stored): value for stored, value in settings.items()}
+
+
 def _complete_settings(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Give a checkpoint of an earlier version the defaults of the settings that it lacks."""
     by_weight = [name for name, method in METHODS.items() if method.half_labeled]
