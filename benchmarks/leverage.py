@@ -50,7 +50,11 @@ from ssil_trainers.training.run import train
 DEFAULT = preset("default")
 MEMBERS = Ensemble().members
 BEFORE = Recipe(WindowVAE(), Quantile())
-"""The default before this table: windowVAE, quantile scale, nothing pooled."""
+"""The default before this table: windowVAE, quantile scale, nothing pooled.
+
+Its leverage is imitated as that of every recipe, by the weights `sure`, which is not what was done
+with it before: the manual's page says so.
+"""
 RECIPES: dict[str, Recipe] = {
     "default": DEFAULT,
     "before": BEFORE,

@@ -1,4 +1,7 @@
-"""Imitation by weight: half of every batch is labeled, half are unlabeled pairs by their weight."""
+"""Imitation by weight: half of every batch is labeled, half are unlabeled pairs by their weight.
+
+No unlabeled pair counts more than a labeled one.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +18,19 @@ from ssil_data.errors import InvalidInputError
 from ssil_trainers.algorithms.config import TrainSettings
 from ssil_trainers.algorithms.demonstrations import Demonstrations
 from ssil_trainers.algorithms.expert_sampler import ExpertSampler, PairSampler
-from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler
+from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler, share_of_unlabeled
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.odds import density_ratio, log_odds
 from ssil_trainers.algorithms.policy import ActionBox
 from support.toy_environment import demonstrations
 
 LABELED = 3
-LEVERAGE = np.array([0.3, 0.9, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0], np.float32)
-"""Of three labeled pairs, then of five unlabeled ones."""
+LEVELS = [0.0, 0.25, 0.5, 0.75, 1.0]
+LEVERAGE = np.array([0.3, 0.9, 0.0, *(4 * LEVELS)], np.float32)
+"""Of three labeled pairs, then of unlabeled ones, four of each level."""
 BY_WEIGHT = ["gail-leverage", "ssil-leverage", "clone-leverage", "gail-shuffled", "clone-shuffled"]
-BOX = ActionBox(np.full(1, -9, np.float32), np.full(1, 9, np.float32))
+WIDTH = 999
+BOX = ActionBox(np.full(1, -WIDTH, np.float32), np.full(1, WIDTH, np.float32))
 
 
 def numbered(leverage: np.ndarray = LEVERAGE) -> Demonstrations:
@@ -42,12 +47,14 @@ def sampler(
     return row.expert_sampler(of, BOX, of.standardizer, settings=TrainSettings(**settings))
 
 
-def draw(experts: PairSampler, count: int, seed: int = 0) -> np.ndarray:
+def draw(
+    experts: PairSampler, count: int, seed: int = 0, of: Demonstrations | None = None
+) -> np.ndarray:
     """Draw pairs; return their numbers, which states and actions agree on."""
     states, actions = experts.sample(count, np.random.default_rng(seed))
     assert len(states) == len(actions) == count
-    found = np.rint(-9 * actions.numpy().ravel()).astype(int)
-    of = numbered()
+    found = np.rint(-WIDTH * actions.numpy().ravel()).astype(int)
+    of = of or numbered()
     np.testing.assert_allclose(states.numpy(), of.standardizer(of.states)[found])
     return found
 
@@ -84,8 +91,69 @@ def test_unlabeled_pairs_are_drawn_if_they_are_sure_or_by_leverage_or_by_its_odd
     settings: dict[str, Any], weights: list[float]
 ) -> None:
     unlabeled = draw(sampler(**settings), 24_000)[12_000:] - LABELED
-    shares = np.array(weights) / sum(weights)
-    np.testing.assert_allclose(np.bincount(unlabeled, minlength=5) / 12_000, shares, atol=0.015)
+    shares = np.tile(weights, 4) / (4 * sum(weights))
+    np.testing.assert_allclose(np.bincount(unlabeled, minlength=20) / 12_000, shares, atol=0.015)
+
+
+def with_sure(labeled: int, sure: int) -> Demonstrations:
+    """So many labeled pairs, then so many unlabeled ones that are sure, and two others."""
+    leverage = np.array([0] * labeled + [1] * sure + [0.9, 0.0], np.float32)
+    of = numbered(leverage)
+    return replace(of, labeled=np.arange(len(leverage)) < labeled)
+
+
+@pytest.mark.parametrize("method", BY_WEIGHT)
+@pytest.mark.parametrize(("labeled", "sure"), [(3, 1), (3, 2), (50, 1), (50, 20), (50, 49)])
+def test_a_few_sure_pairs_are_drawn_as_often_as_labeled_ones(
+    method: str, labeled: int, sure: int
+) -> None:
+    of = with_sure(labeled, sure)
+    found = draw(sampler(method, of), 200_000, of=of)
+    drawn = np.bincount(found, minlength=len(of.states)) / 200_000
+    chosen = np.flatnonzero(drawn)
+    assert len(chosen) == labeled + sure
+    np.testing.assert_allclose(drawn[chosen], 1 / (labeled + sure), atol=0.003)
+    assert (chosen < labeled).sum() == labeled
+
+
+@pytest.mark.parametrize("method", BY_WEIGHT)
+@pytest.mark.parametrize("sure", [3, 4, 30])
+def test_with_as_many_sure_pairs_as_labeled_ones_they_fill_half_of_every_batch(
+    method: str, sure: int
+) -> None:
+    of = with_sure(3, sure)
+    for seed in range(20):
+        assert (draw(sampler(method, of), 64, seed, of) < LABELED).sum() == 32
+
+
+@given(
+    st.integers(1, 8),
+    st.lists(st.floats(0, 1, width=32), min_size=1, max_size=12),
+    st.sampled_from(["sure", "posterior", "ratio"]),
+    st.sampled_from(BY_WEIGHT),
+)
+def test_no_unlabeled_pair_counts_more_than_a_labeled_one(
+    labeled: int, leverage: list[float], weighting: str, method: str
+) -> None:
+    of = numbered(np.array([1.0] * labeled + leverage, np.float32))
+    of = replace(of, labeled=np.arange(len(of.states)) < labeled)
+    experts = sampler(method, of, expert_weighting=weighting)
+    weights = METHODS[method].expert_weights(of, TrainSettings(expert_weighting=weighting))
+    unlabeled = weights[labeled:].astype(np.float64)
+    share = share_of_unlabeled(labeled, unlabeled)
+    if isinstance(experts, HalfLabeledSampler):
+        assert share == 0.5
+        heaviest = experts.unlabeled.weights.max() / experts.unlabeled.weights.sum(dtype=float) / 2
+        assert heaviest <= 1 / (2 * labeled) * (1 + 1e-6)
+        return
+    assert isinstance(experts, ExpertSampler)
+    drawn = experts.weights / experts.weights.sum(dtype=float)
+    assert np.ptp(drawn[:labeled]) == 0
+    assert drawn.max() == drawn[0]
+    assert share < 0.5
+    assert drawn[labeled:].sum() == pytest.approx(share, abs=1e-6)
+    kept = unlabeled[unlabeled > 0]
+    np.testing.assert_allclose(drawn[labeled:] * kept.sum(), kept * share, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("method", BY_WEIGHT)
@@ -103,7 +171,7 @@ def test_without_an_unlabeled_pair_of_positive_weight_batches_are_labeled(
 
 def draw_states(experts: ExpertSampler, count: int) -> np.ndarray:
     _, actions = experts.sample(count, np.random.default_rng(0))
-    return np.rint(-9 * actions.numpy().ravel())
+    return np.rint(-WIDTH * actions.numpy().ravel())
 
 
 @pytest.mark.parametrize("weighting", ["posterior", "ratio"])
@@ -111,12 +179,12 @@ def draw_states(experts: ExpertSampler, count: int) -> np.ndarray:
 def test_leverage_that_is_the_same_everywhere_draws_all_unlabeled_pairs_alike(
     weighting: str, everywhere: float
 ) -> None:
-    leverage = np.full(8, everywhere, np.float32)
+    leverage = np.full(len(LEVERAGE), everywhere, np.float32)
     experts = sampler(of=numbered(leverage), expert_weighting=weighting)
     assert isinstance(experts, HalfLabeledSampler)
     assert np.isfinite(experts.unlabeled.weights).all()
     assert np.ptp(experts.unlabeled.weights) == 0
-    assert set(draw(experts, 256)[128:]) == {3, 4, 5, 6, 7}
+    assert set(draw(experts, 2_000)[1_000:]) == set(range(LABELED, len(LEVERAGE)))
 
 
 @given(st.lists(st.floats(0, 1, width=32), min_size=1, max_size=9), st.floats(1.001, 1e6))
@@ -138,7 +206,7 @@ def test_odds_keep_the_order_and_their_limits(leverage: list[float], limit: floa
 @pytest.mark.parametrize("weighting", ["sure", "posterior", "ratio"])
 def test_shuffled_twins_have_the_same_weights_at_other_pairs(method: str, weighting: str) -> None:
     toy = demonstrations()
-    leverage = np.random.default_rng(0).random(len(toy.states), np.float32)
+    leverage = np.random.default_rng(0).random(len(toy.states), np.float32) ** np.float32(0.1)
     of = Demonstrations(toy.states, toy.actions, toy.labeled, leverage.copy())
     twin = method.replace("shuffled", "leverage")
 

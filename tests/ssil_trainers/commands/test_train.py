@@ -14,16 +14,17 @@ from gymnasium.envs.classic_control.pendulum import PendulumEnv
 
 from ssil_data.demonstrations import Episode
 from ssil_data.estimators import VAE
-from ssil_data.scales import Posterior
+from ssil_data.scales import Posterior, Quantile
 from ssil_data.scoring import Recipe, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
+from ssil_trainers.algorithms import tensor_file
 from ssil_trainers.algorithms.config import PAPER
 from ssil_trainers.algorithms.methods import METHODS
 from ssil_trainers.algorithms.policy import Policy
 from ssil_trainers.commands import train as command
 from ssil_trainers.envs.registry import make_single
-from ssil_trainers.training.checkpoint import STORED_NAMES
+from ssil_trainers.training.checkpoint import CHECKPOINT, KIND, STORED_NAMES
 from ssil_trainers.training.evaluation import drive_episode
 from support.command_line import SHORT_TRAINING, run
 
@@ -112,17 +113,12 @@ def test_the_weighting_and_the_pair_reward_are_flags_and_part_of_the_policys_rec
     train += ["--run", "vae", *SHORT_TRAINING]
     flags = ["--expert-weighting", "ratio", "--odds-limit", "9", "--pair-reward", "0.5"]
     found = {}
-    for name, more in (
-        ("usual", []),
-        ("flags", flags),
-        ("paper", [*flags, "--preset", "paper"]),
-    ):
+    for name, more in (("usual", []), ("flags", flags)):
         assert run(*train, *more, "-o", tmp_path / name) == 0
         found[name] = Policy.load(tmp_path / name / "policy.safetensors").metadata["settings"]
     names = ("expert_weighting", "odds_limit", "pair_reward")
     assert [found["usual"][name] for name in names] == ["sure", 20.0, 0.0]
     assert [found["flags"][name] for name in names] == ["ratio", 9.0, 0.5]
-    assert found["paper"]["pair_reward"] == 0
     with (tmp_path / "flags" / "curve.csv").open() as lines:
         assert all(float(row["log_odds"]) != 0 for row in list(csv.DictReader(lines))[1:])
 
@@ -202,6 +198,79 @@ def test_training_where_no_pair_is_sure_says_that_labeled_pairs_alone_are_imitat
         assert run("train", method, *words, *more, *SHORT_TRAINING, "-o", output) == 0
         told = "imitates labeled pairs alone" in " ".join(capsys.readouterr().err.split())
         assert told == is_told, (method, more)
+
+
+def test_training_by_few_sure_pairs_says_how_much_of_a_batch_they_are(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    score(pendulum, VAE(steps=20), run="vae")
+    labeled = pendulum.per_pair("labeled").astype(bool)
+    sure = int((pendulum.leverage("vae")[~labeled] >= 0.95).sum())
+    assert 0 < sure < labeled.sum()
+    words = ["--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae", *SHORT_TRAINING]
+    part = f"so {100 * sure / (sure + labeled.sum()):.2g} % of what"
+    for method, is_told in (("clone-leverage", True), ("gail-shuffled", True), ("ssil", False)):
+        capsys.readouterr()
+        assert run("train", method, *words, "-o", tmp_path / method) == 0
+        told = " ".join(capsys.readouterr().err.split())
+        assert (f"{part} {method} imitates is unlabeled, not half" in told) == is_told
+        assert ("none of them counts more than a labeled one" in told) == is_told
+
+
+def test_training_by_sure_pairs_of_leverage_that_is_no_chance_says_so(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, scale in (("rank", Quantile()), ("chance", Posterior())):
+        score(pendulum, Recipe(VAE(steps=20), scale), run=name)
+    for method, name, more, is_told in (
+        ("clone-leverage", "rank", [], True),
+        ("clone-leverage", "rank", ["--expert-weighting", "ratio"], False),
+        ("clone-leverage", "chance", [], False),
+        ("ssil", "rank", [], False),
+    ):
+        words = ["train", method, "--env", "Pendulum-v1", "--dataset", "swings", "--run", name]
+        output = tmp_path / f"{method}-{name}-{len(more)}"
+        capsys.readouterr()
+        assert run(*words, *more, *SHORT_TRAINING, "-o", output) == 0
+        lines = [line for line in capsys.readouterr().err.splitlines() if "by the scale" in line]
+        assert len(lines) == is_told, (method, name, more)
+        assert not lines or lines[0].startswith("Leverage of rank is by the scale quantile, and a")
+
+
+def test_training_that_uses_no_run_says_so_where_one_is_named(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    score(pendulum, VAE(steps=20), run="vae")
+    words = ["--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae", *SHORT_TRAINING]
+    for method, uses_run in (("gail", False), ("clone", False), ("mixgail", True), ("ssil", True)):
+        capsys.readouterr()
+        assert run("train", method, *words, "-o", tmp_path / method) == 0
+        told = f"{method} uses no scoring run, so --run vae changes nothing."
+        assert (told in capsys.readouterr().err) != uses_run
+
+
+def test_a_run_begun_with_an_option_that_it_does_not_use_goes_on_with_it(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Version 0.1 took every option and kept it."""
+    out = tmp_path / "out"
+    train = ["train", "gail", "--env", "Pendulum-v1", "--dataset", "swings", *SHORT_TRAINING]
+    assert run(*train, "-o", out) == 0
+    arrays, metadata = tensor_file.read(out / CHECKPOINT, KIND)
+    metadata["identity"]["settings"] |= {"eta": 3.0, "centred": False}
+    tensor_file.write(out / CHECKPOINT, arrays, metadata)
+    flags = ["--eta", "3", "--no-centered", "-o", out]
+    assert run(*train, *flags, "--resume") == 0
+    for wrong, message in (
+        ([*flags], "--eta: used by mixgail"),
+        (["--eta", "2", "--no-centered", "-o", out, "--resume"], "--eta: used by mixgail"),
+        (["-o", out, "--resume"], "eta 3.0 as before, found 1.0"),
+    ):
+        capsys.readouterr()
+        before = {path: path.read_bytes() for path in out.iterdir()}
+        assert run(*train, *wrong) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
+        assert {path: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_resuming_without_a_checkpoint_starts_and_says_so(
@@ -287,6 +356,26 @@ def test_the_help_describes_every_method() -> None:
         (
             ["clone-leverage", "--dataset", "swings", "--run", "vae", "--odds-limit", "5"],
             "--odds-limit: used by clone-leverage only with --expert-weighting ratio",
+        ),
+        (
+            ["clone", "--dataset", "swings", "--no-pretrained"],
+            "--no-pretrained: used by gail, gail-mixed,",
+        ),
+        (
+            ["constant", "--dataset", "swings", "--discriminator-steps", "10"],
+            "--discriminator-steps: used by gail, gail-mixed,",
+        ),
+        (
+            [
+                *["ssil", "--dataset", "swings", "--run", "vae", "--preset", "paper"],
+                *["--pair-reward", "0.5", "--gae-lambda", "0.97", "--gradient-penalty", "0"],
+            ],
+            "--preset paper: has --gae-lambda 0.0, --pair-reward 0.0; leave out --gae-lambda 0.97 "
+            "and --pair-reward 0.5, or the preset",
+        ),
+        (
+            ["ssil", "--dataset", "swings", "--run", "vae", "--preset", "paper", "--centered"],
+            "--preset paper: has --no-centered; leave out --centered, or the preset",
         ),
         (
             ["gail", "--dataset", "swings", "--cloning-weight-decay", "1"],

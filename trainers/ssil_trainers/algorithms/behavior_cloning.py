@@ -22,8 +22,9 @@ def clone(
     """Fit the policy's mean to the expert actions, in place, and return the error that is left.
 
     AdamW minimizes the squared error with a cosine schedule. The sampler decides what is cloned:
-    labeled pairs alone, or half of every batch labeled and half unlabeled pairs by their leverage.
-    log σ does not change, so a policy that is trained further explores as before.
+    labeled pairs alone, all pairs, or labeled ones and those unlabeled ones that are surely the
+    expert's, half of every batch each. log σ does not change, so a policy that is trained further
+    explores as before.
 
     Parameters
     ----------

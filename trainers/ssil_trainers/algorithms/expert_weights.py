@@ -15,7 +15,8 @@ Weights = Callable[[Demonstrations, TrainSettings], NDArray[np.floating]]
 """Gives each pair a weight, (n,), at least 0, by the settings of the run."""
 
 SURE = 0.95
-"""Leverage from which a pair counts as the expert's: by the posterior scale 19 of 20 are."""
+"""Leverage from which a pair counts as surely the expert's: of pairs at it 19 in 20 are, where
+leverage is a chance, so by the posterior scale."""
 
 
 def imitate_labeled(
@@ -69,7 +70,7 @@ def imitate_by_leverage(
 ) -> NDArray[np.floating]:
     """Weight the pairs that are surely the expert's alike, or as `expert_weighting` says.
 
-    Among the unlabeled pairs only: of a batch by leverage, half is labeled (`HalfLabeledSampler`).
+    Among the unlabeled pairs only, which fill half of every batch at most (`share_of_unlabeled`).
     A clone of experts and a few that are nearly as good drives like neither, so pairs in doubt
     count for nothing rather than for little.
 
@@ -104,31 +105,6 @@ def imitate_by_leverage(
     if settings.expert_weighting == "posterior":
         return leverage
     return (leverage >= SURE).astype(np.float32)
-
-
-def has_sure_pair(demonstrations: Demonstrations) -> bool:
-    """Tell whether any unlabeled pair is surely the expert's, so that `sure` imitates one.
-
-    Parameters
-    ----------
-    demonstrations:
-        All pairs, with their leverage.
-
-    Raises
-    ------
-    InvalidInputError
-        Without a scoring run.
-
-    Examples
-    --------
-    >>> states = np.arange(3, dtype=np.float32)[:, None]
-    >>> labeled = np.array([True, False, False])
-    >>> leverage = np.array([1.0, 0.5, 0.0], np.float32)
-    >>> has_sure_pair(Demonstrations(states, states, labeled, leverage))
-    False
-    """
-    unlabeled = demonstrations.require_leverage[~demonstrations.labeled]
-    return bool((unlabeled >= SURE).any())
 
 
 def imitate_by_shuffled_leverage(

@@ -21,7 +21,7 @@ from ssil_trainers.algorithms.expert_weights import (
     imitate_by_shuffled_leverage,
     imitate_labeled,
 )
-from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler
+from ssil_trainers.algorithms.half_labeled_sampler import HalfLabeledSampler, share_of_unlabeled
 from ssil_trainers.algorithms.pair_rewards import PairReward, log_odds_reward
 from ssil_trainers.algorithms.policy import ActionBox
 from ssil_trainers.algorithms.rewards import (
@@ -58,8 +58,8 @@ class Method:
     Parameters
     ----------
     expert_weights:
-        How much each pair is imitated. By leverage, shuffled or not, half of every batch is labeled
-        and the weights are those of unlabeled pairs among each other.
+        How much each pair is imitated. By leverage, shuffled or not, they are the weights of the
+        unlabeled pairs among each other, which fill half of every batch at most.
     shaping:
         Makes the state reward from demonstrations and settings.
     fixed_settings:
@@ -84,7 +84,7 @@ class Method:
 
     @property
     def half_labeled(self) -> bool:
-        """Whether it imitates by weight: half of every batch labeled, half unlabeled pairs."""
+        """Whether it imitates by weight: half of every batch labeled, half unlabeled if enough."""
         return self.expert_weights in (imitate_by_leverage, imitate_by_shuffled_leverage)
 
     @property
@@ -142,8 +142,10 @@ class Method:
     ) -> PairSampler:
         """Select the expert pairs of the method and map them to the inputs of the networks.
 
-        Where a method imitates by weight and no unlabeled pair has one above 0, batches are of
-        labeled pairs alone.
+        Where a method imitates by weight, half of every batch is labeled, and the other half is
+        unlabeled as long as no unlabeled pair counts more than a labeled one by that. Where they
+        are too few, labeled pairs are drawn alike, the heaviest unlabeled pair as one of them, and
+        the others by their weights: without a weight above 0, labeled pairs alone.
 
         Parameters
         ----------
@@ -172,11 +174,14 @@ class Method:
 
         if not self.half_labeled:
             return select(weights > 0, weights)
-        labeled = select(demonstrations.labeled, np.ones_like(weights))
-        unlabeled = (weights > 0) & ~demonstrations.labeled
-        if not unlabeled.any():
-            return labeled
-        return HalfLabeledSampler(labeled, select(unlabeled, weights))
+        labeled = demonstrations.labeled
+        unlabeled = (weights > 0) & ~labeled
+        if share_of_unlabeled(int(labeled.sum()), weights[unlabeled]) < 1 / 2:
+            heaviest = weights[unlabeled].max(initial=0) or 1
+            return select(labeled | unlabeled, np.where(labeled, heaviest, weights))
+        return HalfLabeledSampler(
+            select(labeled, np.ones_like(weights)), select(unlabeled, weights)
+        )
 
 
 _CLONE_ONLY = {"steps": 0, "pretrained": True}

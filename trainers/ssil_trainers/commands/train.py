@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from ssil_data.client import ServiceError
 from ssil_data.commands.output import AsJson, StoreLocation, StoreOption, print_json, print_table
-from ssil_trainers.algorithms.config import PAPER, TrainSettings
-from ssil_trainers.algorithms.expert_weights import SURE, has_sure_pair
+from ssil_data.scales import Posterior
+from ssil_trainers.algorithms.config import TrainSettings
+from ssil_trainers.algorithms.expert_weights import SURE
+from ssil_trainers.algorithms.given_settings import GivenSettings, PresetName, apply_preset
+from ssil_trainers.algorithms.half_labeled_sampler import share_of_unlabeled
 from ssil_trainers.algorithms.methods import METHODS, MethodName
 from ssil_trainers.algorithms.unused_settings import check_used
 from ssil_trainers.envs.registry import find_spec, make_vectorized
-from ssil_trainers.training.checkpoint import CHECKPOINT
+from ssil_trainers.training.checkpoint import CHECKPOINT, read_settings
 from ssil_trainers.training.data import TrainingData
 from ssil_trainers.training.data_source import DataSource, load_training_data
 from ssil_trainers.training.progress import progress_display, tensorboard
@@ -29,24 +33,26 @@ def train(
     *,
     env: str,
     source: Annotated[DataSource, Parameter(name="*")],
-    preset: Literal["default", "paper"] = "default",
+    preset: PresetName = "default",
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     resume: bool = False,
-    settings: Annotated[TrainSettings, Parameter(name="*")] = TrainSettings(),  # noqa: B008
+    settings: Annotated[GivenSettings, Parameter(name="*")] = GivenSettings(),  # noqa: B008
     location: StoreOption = StoreLocation(),  # noqa: B008
     json: AsJson = False,
 ) -> None:
     """Train a policy on demonstrations; no method reads the environment's reward.
 
-    An option that the method does not use is refused, but for those that say what a run may cost.
+    An option that the method does not use, or that the preset contradicts, is refused, but for
+    those that say what a run may cost.
 
     Parameters
     ----------
     method:
         gail imitates the labeled pairs; mixgail adds CoR to its reward, ssil LCoR. gail-mixed
         imitates all pairs; gail-leverage and ssil-leverage take half of every batch from labeled
-        pairs and half from unlabeled ones of high leverage. clone, clone-mixed and clone-leverage
-        clone the labeled pairs, all, or half and half. Controls are gail-shuffled and
+        pairs and half from unlabeled ones that are surely the expert's, less if those are few.
+        clone, clone-mixed and clone-leverage clone the labeled pairs, all, or half and half.
+        Controls are gail-shuffled and
         clone-shuffled (by leverage, each unlabeled pair by that of another), shuffled (LCoR of
         shuffled leverage) and constant (the same reward everywhere).
     env:
@@ -63,19 +69,21 @@ def train(
         a checkpoint, start from the beginning and say so.
     """
     find_spec(env)
-    check_used(method, settings)
-    settings = replace(settings, **PAPER) if preset == "paper" else settings
     folder = output or _default_folder(method, env, source, settings.seed)
-    if resume and not (folder / CHECKPOINT).exists():
+    goes_on = resume and (folder / CHECKPOINT).exists()
+    check_used(method, settings, stored=read_settings(folder) if goes_on else None)
+    chosen = apply_preset(preset, settings)
+    if resume and not goes_on:
         print(f"No checkpoint in {folder}: training starts from the beginning.", file=sys.stderr)
     try:
         with load_training_data(source, method, location) as data:
-            _say_if_none_is_sure(method, settings, data)
+            for line in _describe_imitation(method, chosen, source, data):
+                print(line, file=sys.stderr)
             run = TrainRun(
                 method,
                 replace(data, identity={"env": env, **data.identity}),
                 lambda count: make_vectorized(env, count),
-                settings=settings,
+                settings=chosen,
                 folder=folder,
             )
             with (
@@ -93,14 +101,33 @@ def train(
         print_table(f"{method} on {env}", [summary])
 
 
-def _say_if_none_is_sure(method: MethodName, settings: TrainSettings, data: TrainingData) -> None:
-    """Say that labeled pairs alone are imitated, where no other is surely the expert's."""
-    takes_sure = METHODS[method].half_labeled and settings.expert_weighting == "sure"
-    if takes_sure and not has_sure_pair(data.demonstrations):
-        print(
-            f"No unlabeled pair has a leverage of {SURE} or more, so {method} imitates labeled "
-            "pairs alone; --expert-weighting posterior weights all by their leverage.",
-            file=sys.stderr,
+def _describe_imitation(
+    method: MethodName, settings: TrainSettings, source: DataSource, data: TrainingData
+) -> Iterator[str]:
+    """Yield a line for each thing about the pairs to imitate that differs from what one expects."""
+    row = METHODS[method]
+    if source.run is not None and not row.uses_run:
+        yield f"{method} uses no scoring run, so --run {source.run} changes nothing."
+    if not row.half_labeled:
+        return
+    sure = settings.expert_weighting == "sure"
+    if sure and data.scale != Posterior.kind:
+        yield (
+            f"Leverage of {source.run} is by the scale {data.scale}, and a chance by the posterior "
+            f"scale alone: pairs of leverage {SURE} or more need not be the expert's."
+        )
+    labeled = data.demonstrations.labeled
+    weights = row.expert_weights(data.demonstrations, settings)[~labeled]
+    share = share_of_unlabeled(int(labeled.sum()), weights)
+    if share == 0:
+        least = f"a leverage of {SURE} or more" if sure else "a leverage above 0"
+        more = "; --expert-weighting posterior weights all by their leverage" if sure else ""
+        yield f"No unlabeled pair has {least}, so {method} imitates labeled pairs alone{more}."
+    elif share < 1 / 2:
+        yield (
+            f"Few unlabeled pairs for {labeled.sum():,} labeled ones: none of them counts more "
+            f"than a labeled one, so {100 * share:.2g} % of what {method} imitates is unlabeled, "
+            "not half."
         )
 
 

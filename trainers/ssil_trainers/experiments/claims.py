@@ -29,10 +29,10 @@ _TITLES = {
     "shuffled-windowvae": "SSIL with shuffled leverage",
     "constant": "a constant reward",
     "clone": "behavior cloning",
-    "gail-leverage-windowvae": "GAIL of all by leverage",
-    "ssil-leverage-windowvae": "SSIL of all by leverage",
+    "gail-leverage-windowvae": "GAIL by leverage",
+    "ssil-leverage-windowvae": "SSIL by leverage",
     "clone-mixed": "cloning of all",
-    "clone-leverage-windowvae": "cloning of all by leverage",
+    "clone-leverage-windowvae": "cloning by leverage",
 }
 _SWAPPED = "the text gives 87.8 % and 98.3 % the wrong way round; by its table it is {}"
 _OTHERWISE = "its own table says otherwise"

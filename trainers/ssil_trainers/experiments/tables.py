@@ -185,19 +185,20 @@ FEW_LABELS = Table(
         Row("gail", "GAIL, labeled"),
         Row("mixgail", "MixGAIL"),
         Row("ssil", "SSIL", SHARED_RUN),
-        Row("gail-leverage", "GAIL, all by leverage", SHARED_RUN),
-        Row("ssil-leverage", "SSIL, all by leverage", SHARED_RUN),
+        Row("gail-leverage", "GAIL by leverage", SHARED_RUN),
+        Row("ssil-leverage", "SSIL by leverage", SHARED_RUN),
         Row("clone-mixed", "cloning of all"),
         Row("clone", "behavior cloning"),
-        Row("clone-leverage", "cloning of all by leverage", SHARED_RUN),
+        Row("clone-leverage", "cloning by leverage", SHARED_RUN),
     ),
     budget=16_384,
     evaluate_every=1,
     pretrained=True,
 )
-"""Eight iterations after cloning: where imitating unlabeled pairs by their leverage helps most.
+"""Eight iterations after cloning: where imitating unlabeled pairs helps most.
 
-The rows that imitate all pairs with equal weights are the controls of those by leverage.
+Rows by leverage take half of every batch from unlabeled pairs that are surely the expert's, unless
+the settings of training say otherwise; those of all pairs with equal weights are their controls.
 """
 
 TRAINING_TABLES = (RACETRACK, RC_LIDAR, RC_LIDAR_TIGHT, FEW_LABELS)

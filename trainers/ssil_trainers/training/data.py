@@ -30,20 +30,23 @@ class TrainingData:
         The mean return that was recorded, with the noise; None if it is not known.
     identity:
         JSON that identifies the demonstrations: a checkpoint is resumed only with the same.
+    scale:
+        Kind of the scale that the run's leverage is by; None without a run.
 
     Examples
     --------
     >>> data = TrainingData.read(dataset, "vae")
     >>> len(data.demonstrations.states), int(data.demonstrations.labeled.sum())
     (420, 120)
-    >>> data.identity["dataset"], data.identity["run"]
-    ('drives', 'vae')
+    >>> data.identity["dataset"], data.identity["run"], data.scale
+    ('drives', 'vae', 'quantile')
     """
 
     demonstrations: Demonstrations
     expert_return: float | None = None
     recorded_return: float | None = None
     identity: Mapping[str, Any] = field(default_factory=dict)
+    scale: str | None = None
 
     @classmethod
     def read(
@@ -90,4 +93,5 @@ class TrainingData:
             expert_return=None if recorded is None else without_noise(recorded),
             recorded_return=recorded,
             identity=identity,
+            scale=None if run is None else str(dataset.runs[run].scale["kind"]),
         )
