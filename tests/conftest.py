@@ -1,5 +1,6 @@
 """Fixtures for every test: small datasets made here, real demonstrations where they are present."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -9,6 +10,12 @@ from ssil_data.store import Store
 from support.demonstrations import ACTION_NAMES, ROOT, STATE_NAMES, drives
 
 SHARED_DATA = Path(os.environ.get("SSIL_TEST_DATA") or ROOT.parent / "shared" / "data")
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector what collection made: it would look through it all day."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
