@@ -27,9 +27,9 @@ _ENDED_BY_SHUTDOWN = ("CrashError", "ShutdownError")
 """Kinds of errors that mean, while the service shuts down, that it was the shutdown."""
 _POLL_SECONDS = 0.05
 _KILL_SECONDS = 5.0
-"""Time for jobs to end whose workers were killed."""
+"""Time for jobs to end whose workers were killed, and for the last look to end."""
 _ADOPTION_SECONDS = 2.0
-"""Time between two looks for servers that died."""
+"""Time between two looks for jobs of servers that died."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +91,7 @@ class JobQueue:
         self._running_limit = running
         self._waiting_limit = waiting
         self._closing = Event()
+        self._adoption = Thread(target=self._keep_adopting, name="adoption", daemon=True)
 
     # start and end
 
@@ -100,44 +101,53 @@ class JobQueue:
             for record in self.journal.all():
                 if record.has_ended:
                     self._registry.restore(record)
-                elif record.server not in living:
-                    self._adopt(replace(record, server=self.lease.server))
+            for record in self._find_orphans(living):
+                self._adopt(record)
         self._registry.trim()
         for number in range(self._running_limit):
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
-        Thread(target=self._keep_adopting, args=(living,), name="adoption", daemon=True).start()
+        self._adoption.start()
 
-    def _keep_adopting(self, living: set[str]) -> None:
-        """Adopt the jobs of servers that die while this one lives.
+    def _keep_adopting(self) -> None:
+        """Look for jobs of servers that die while this one lives, until it closes.
 
         A server that was killed counts as alive until its last worker has ended, so the one that
-        is started in its place may come too early. Waiting jobs are left to others while this
-        server has no thread idle.
+        is started in its place may come too early. What the disk refuses is tried again at the
+        next look.
         """
-        are_left = has_failed = False
+        has_failed = False
         while not self._closing.wait(_ADOPTION_SECONDS):
             try:
-                with self.lease.adopt_orphans() as now:
-                    if are_left or living - now:
-                        are_left = self._adopt_late(now)
-                living = now
+                self._registry.write_endings()
+                with self.lease.adopt_orphans() as living:
+                    self._adopt_late(living)
                 has_failed = False
-            except Exception:  # the disk is full, say: told once, and looked again
+            except Exception:  # the folder cannot be read, say: told once, and looked again
                 if not has_failed:
                     log_event("jobs not adopted", level=logging.ERROR, trace=True)
                 has_failed = True
 
-    def _adopt_late(self, living: set[str]) -> bool:
-        """Adopt what this server has room for; return whether waiting jobs are left."""
-        are_left = False
-        for record in self.journal.all():
-            if record.has_ended or record.server in living:
-                continue
-            if record.state == "queued" and not self._is_idle():
-                are_left = True
-                continue
-            self._adopt(replace(record, server=self.lease.server))
-        return are_left
+    def _adopt_late(self, living: set[str]) -> None:
+        """Adopt what this server has room for; waiting jobs are left while no thread is idle."""
+        for record in self._find_orphans(living):
+            if self._closing.is_set():
+                return
+            if record.state == "running" or self._is_idle():
+                self._adopt(record)
+
+    def _find_orphans(self, living: set[str]) -> list[JobRecord]:
+        """Find the unfinished jobs that no living server has, the oldest first.
+
+        An error of the disk may come after a record is written: the job then bears this server's
+        id, though this server does not have it.
+        """
+        own = self._registry.find_unfinished()  # first, as a job may end while the journal is read
+        others = living - {self.lease.server}
+        return [
+            record
+            for record in self.journal.all()
+            if not (record.has_ended or record.server in others or record.id in own)
+        ]
 
     def _is_idle(self) -> bool:
         counts = self.counts()
@@ -145,8 +155,9 @@ class JobQueue:
 
     def _adopt(self, record: JobRecord) -> None:
         """Queue a job that a dead server left waiting; end one that it left running."""
+        record = replace(record, server=self.lease.server)
         if record.state == "queued":
-            with suppress(Problem):  # logged: the job is left to the next server
+            with suppress(Problem):  # logged: the job is left to the next look, of any server
                 self._registry.accept(record)
             return
         try:
@@ -168,6 +179,8 @@ class JobQueue:
         self._wait_for_running(grace)
         self.pool.close()
         self._wait_for_running(_KILL_SECONDS)
+        if self._adoption.is_alive():
+            self._adoption.join(_KILL_SECONDS)
 
     def _wait_for_running(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds

@@ -45,6 +45,7 @@ class JobRegistry:
         self._changed = Condition()
         self._closed = False
         self._unwritten: dict[str, JobRecord] = {}
+        self._refused: set[str] = set()
 
     # what is known
 
@@ -110,6 +111,12 @@ class JobRegistry:
             for record in self.records()
             if record.dataset == dataset and not record.has_ended
         }
+
+    def find_unfinished(self) -> set[str]:
+        """Return the ids of this server's jobs that the journal may have as unfinished."""
+        with self._changed:
+            unfinished = {job_id for job_id, job in self._jobs.items() if not job.record.has_ended}
+            return unfinished | self._unwritten.keys()
 
     def counts(self) -> dict[str, int]:
         """Count this server's jobs by state."""
@@ -256,7 +263,7 @@ class JobRegistry:
                 job.worker.kill_soon()
 
     def finish(self, job: Job, ending: Ending) -> None:
-        """Record how a job ended; what the disk refuses is tried again with the next ending.
+        """Record how a job ended; what the disk refuses is tried again by `write_endings`.
 
         Parameters
         ----------
@@ -271,9 +278,19 @@ class JobRegistry:
         with self._changed:
             record = replace(job.record, state=state, error=error, ended=utc_now())
             self._unwritten[record.id] = record
-            self._write_endings()
+            self.write_endings()
             job.record = record
             self.trim()
+
+    def write_endings(self) -> None:
+        """Write the endings to the journal that the disk has refused so far."""
+        with self._changed:
+            for job_id, record in list(self._unwritten.items()):
+                try:
+                    self._write(record)
+                except OSError:
+                    return
+                del self._unwritten[job_id]
 
     def trim(self) -> None:
         """Forget all but the newest `KEPT` jobs that have ended."""
@@ -292,19 +309,21 @@ class JobRegistry:
     def _write_or_refuse(self, record: JobRecord) -> None:
         """Write what will be acknowledged; raise a Problem with 503 if the disk refuses."""
         try:
-            self._journal.write(record)
-        except OSError as error:
-            _log_unwritten(record.id, error)
+            self._write(record)
+        except OSError:
             raise busy(503, "jobs: the journal cannot be written; retry after 30 s", 30) from None
 
-    def _write_endings(self) -> None:
-        for job_id, record in list(self._unwritten.items()):
-            try:
-                self._journal.write(record)
-            except OSError as error:
-                _log_unwritten(job_id, error)
-                return
-            del self._unwritten[job_id]
+    def _write(self, record: JobRecord) -> None:
+        """Write to the journal; a job's refusal is logged once until the disk takes a record."""
+        try:
+            self._journal.write(record)
+        except OSError as error:
+            if record.id not in self._refused:
+                self._refused.add(record.id)
+                text = str(error)
+                log_event("journal not written", level=logging.ERROR, job=record.id, error=text)
+            raise
+        self._refused.clear()
 
 
 def not_found(job_id: str) -> NotFoundError:
@@ -321,7 +340,3 @@ def not_found(job_id: str) -> NotFoundError:
 def utc_now() -> str:
     """Return the time as records have it, ISO 8601 in UTC."""
     return datetime.now(UTC).isoformat()
-
-
-def _log_unwritten(job_id: str, error: OSError) -> None:
-    log_event("journal not written", level=logging.ERROR, job=job_id, error=str(error))

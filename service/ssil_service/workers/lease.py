@@ -1,8 +1,8 @@
 """A server's lease: its own folder in the state folder, under a lock that it holds while it lives.
 
 All servers of a store share one state folder. A server and its workers hold a shared lock on a
-file of their own; where that lock is free, the server is dead, and the next server that starts
-adopts its jobs and removes its files.
+file of their own; where that lock is free, the server is dead, and another one, that runs or
+starts, adopts its jobs and removes its files.
 
     STATE/jobs/           the journal of jobs (`ssil_service.jobs.journal`)
     STATE/servers/ID/     one server's lease: `lock`, and temporary files

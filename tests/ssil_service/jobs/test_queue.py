@@ -488,7 +488,7 @@ def test_a_queued_job_that_cannot_be_adopted_is_left_to_the_next_server(
     job = leave_job(folder)
     with monkeypatch.context() as patch:
         refuse_writes(patch, lambda record: True)
-        assert start().get(job["job"])["state"] == "queued"
+        assert start(running=0).get(job["job"])["state"] == "queued"
     assert wait_for_end(start(make_run), job)["state"] == "succeeded"
 
 
