@@ -18,6 +18,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_sessionfinish() -> None:
+    """Let it see all again, as libraries count what was left when the process ends."""
+    gc.unfreeze()
+
+
 @pytest.fixture
 def store(tmp_path: Path) -> Store:
     """An empty store."""
