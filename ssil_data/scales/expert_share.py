@@ -31,7 +31,9 @@ HIGHEST = 2
 ENOUGH = 2.0
 """Independent labeled pairs above which the highest levels are believed, more and more."""
 PLENTY = 30.0
-"""Independent labeled pairs above which the prior says less and less of what they speak for."""
+"""Independent labeled pairs above which the prior denies less and less what they speak for."""
+FAR_TOO_FEW = 5.0
+"""A valley that leaves this many times fewer than the labels bound is a gap amid the experts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,8 @@ class Cut:
         Share of the unlabeled pairs up to it.
     evidence
         Logarithm of how much speaks for it, up to a constant.
+    chance
+        The same, by which it may well be right: labels in plenty are not denied by a prior.
     low, high
         Bounds of the share, if this is the cut.
     by_labels
@@ -130,6 +134,7 @@ class Cut:
     at: float
     share: float
     evidence: float
+    chance: float
     low: float
     high: float
     by_labels: bool
@@ -168,13 +173,15 @@ def find_cuts(
         labels = max(len(held_out) / stretch, 0.3)
         share, most = _read_share(values, held_out, labels)
         least = _bound_below(values, held_out, labels)
-        prior = _weigh_share(share) * min(1.0, PLENTY / labels)
+        prior = _weigh_share(share)
+        doubt = min(1.2 / labels, 2.0)
         spread = min(1.2 / np.sqrt(labels), 1.5)
         cuts.append(
             Cut(
                 at=float(np.quantile(values, share)),
                 share=share,
-                evidence=prior - min(1.2 / labels, 2.0),
+                evidence=prior - doubt,
+                chance=prior * min(1.0, PLENTY / labels) - doubt,
                 low=min(share * np.exp(-1.64 * spread), least),
                 high=min(1.0, most * np.exp(1.64 * spread)),
                 by_labels=True,
@@ -182,7 +189,7 @@ def find_cuts(
         )
     for at, depth in _find_valleys(density, independent):
         below = _share_below(values, at)
-        if below < least:  # a gap amid the experts, however deep
+        if below < least / FAR_TOO_FEW:
             continue
         evidence = _weigh_share(below) - np.log(max(depth, DEEPEST))
         if share is not None:
@@ -192,6 +199,7 @@ def find_cuts(
                 at=at,
                 share=below,
                 evidence=float(evidence),
+                chance=float(evidence),
                 low=_share_below(values, at - density.width),
                 high=_share_below(values, at + density.width),
                 by_labels=False,
@@ -208,7 +216,7 @@ def bound_share(cuts: list[Cut]) -> tuple[float, float]:
     cuts
         From `find_cuts`, at least one.
     """
-    likely = [cut for cut in cuts if cut.evidence >= cuts[0].evidence - 2]
+    likely = [cut for cut in cuts if cut.chance >= cuts[0].evidence - 2]
     return min(cut.low for cut in likely), max(cut.high for cut in likely)
 
 

@@ -79,6 +79,21 @@ def test_a_pile_of_nearly_all_experts_is_believed_where_labels_are_plenty(
     assert held >= 18
 
 
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.7])
+@pytest.mark.parametrize(("factor", "offset"), [(0.7, 0), (1, -0.5), (1, 1)])
+def test_an_empty_valley_is_believed_whatever_labels_are_like(
+    share: float, factor: float, offset: float
+):
+    """Labels of one drive are more alike than experts are; some look stranger than experts do."""
+    held = 0
+    for seed in range(400, 410):
+        pool, is_expert, held_out = draw(seed, share, apart=7, count=3000, labels=400)
+        scale = Posterior().fit(pool, factor * held_out + offset)
+        assert scale.expert_share == pytest.approx(is_expert.mean(), rel=0.02)
+        held += scale.interval[0] <= is_expert.mean() <= scale.interval[1]
+    assert held >= 8
+
+
 @pytest.mark.parametrize("share", [0.5, 0.1])
 @pytest.mark.parametrize("apart", [2.5, 4])
 def test_leverage_is_the_share_of_experts_among_pairs_that_have_it(share: float, apart: float):
