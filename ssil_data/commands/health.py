@@ -73,10 +73,9 @@ def _describe_weights(run: Run) -> list[str]:
     lines = []
     if run.expert_share is not None and run.expert_share_interval is not None:
         low, high = run.expert_share_interval
-        lines.append(
-            f"Expert share of the unlabeled pairs: {run.expert_share:.3f} "
-            f"(90 % interval {low:.3f} to {high:.3f})"
-        )
+        is_stated = run.scale.get("expert_share") is not None
+        known = "as stated" if is_stated else f"90 % interval {low:.3f} to {high:.3f}"
+        lines.append(f"Expert share of the unlabeled pairs: {run.expert_share:.3f} ({known})")
     if run.effective_pairs is not None:
         line = f"Effective pairs: {run.effective_pairs:,.0f} of the unlabeled ones"
         if run.weight_on_experts is not None:

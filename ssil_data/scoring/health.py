@@ -157,7 +157,7 @@ def _find_few_labels(
     if len(labeled) < FEWEST_PAIRS:
         reasons.append(f"{len(labeled)} labeled pairs: too few to know the expert by")
     if chance is not None and held_out is None:
-        reasons.append("no labeled pair could be held out, so nothing is known of unseen experts")
+        reasons.append("no labeled pair was held out, so nothing is known of unseen experts")
     if len(labeled) >= 2 and not np.ptp(labeled.states, axis=0).any():
         reasons.append("all labeled pairs have the same state")
     if len(np.unique(labeled.episode)) == 1:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssil_data.scales import Posterior, Scale
+from ssil_data.scoring.health import WIDEST
 
 FARTHEST_ODDS = 2.0
 """A stated share may be outside of the estimated interval by so many times the odds."""
@@ -20,7 +21,7 @@ def find_misfit(
     *,
     stretch: int,
 ) -> list[str]:
-    """Say if a stated share of experts is far from all that would be estimated.
+    """Say if a stated share of experts is far from all that would be estimated, or unchecked.
 
     Parameters
     ----------
@@ -43,6 +44,11 @@ def find_misfit(
     stated = scale.expert_share
     estimated = replace(scale, expert_share=None).fit(pool, held_out, stretch=stretch)
     low, high = estimated.interval
+    if high - low >= WIDEST:
+        return [
+            f"the stated expert share, {stated:.4g}, cannot be checked: the data speak for "
+            f"anything from {low:.2f} to {high:.2f}, and leverage follows what was stated"
+        ]
     too_small = _odds(stated) * FARTHEST_ODDS < _odds(low)
     too_large = _odds(stated) > _odds(high) * FARTHEST_ODDS
     if not too_small and not too_large:

@@ -31,7 +31,7 @@ def test_the_true_share_fits(share: float, apart: float, stretch: int):
     for seed in range(400, 420):
         pool, held_out = draw(seed, share=share, apart=apart)
         told += find_misfit(Posterior(share), pool, held_out, stretch=stretch)
-    assert told == []
+    assert [reason for reason in told if "cannot be checked" not in reason] == []
 
 
 @pytest.mark.parametrize("stated", [0.01, 0.9])
@@ -51,10 +51,23 @@ def test_a_share_a_little_beside_the_interval_fits():
         assert find_misfit(Posterior(stated), pool, held_out, stretch=1) == []
 
 
-def test_where_nothing_is_known_every_share_fits():
+def test_where_nothing_is_known_no_share_can_be_checked():
     pool = np.zeros(100, np.float32)
     for stated in (0.01, 0.99):
-        assert find_misfit(Posterior(stated), pool, None, stretch=1) == []
+        (reason,) = find_misfit(Posterior(stated), pool, None, stretch=1)
+        assert reason.startswith(f"the stated expert share, {stated}, cannot be checked")
+        assert "from 0.00 to 1.00" in reason
+
+
+def test_a_stated_share_is_not_shown_with_an_interval(
+    apart: Dataset, capsys: pytest.CaptureFixture[str]
+):
+    store = apart.folder.uri.rsplit("/", 1)[0]
+    words = ("score", apart.name, "--estimator", "gpr", "--store", store)
+    assert run(*words, "--expert-share", 0.5) == 0
+    assert "Expert share of the unlabeled pairs: 0.500 (as stated)" in capsys.readouterr().out
+    assert run(*words, "--run", "estimated") == 0
+    assert "(90 % interval" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("scale", [Posterior(), Quantile(), Conformal()])

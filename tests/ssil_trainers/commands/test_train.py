@@ -200,6 +200,24 @@ def test_training_where_no_pair_is_sure_says_that_labeled_pairs_alone_are_imitat
         assert told == is_told, (method, more)
 
 
+def test_training_by_a_run_on_fewer_labels_says_that_it_imitates_all(
+    pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labeled = int(pendulum.per_pair("labeled").sum())
+    score(pendulum, VAE(steps=20), labels=30, run="thirty")
+    words = ["--env", "Pendulum-v1", "--dataset", "swings", "--run", "thirty", *SHORT_TRAINING]
+    for method, more, is_told in (
+        ("clone-leverage", [], True),
+        ("clone-leverage", ["--labels", "30"], False),
+        ("ssil", [], False),
+    ):
+        capsys.readouterr()
+        assert run("train", method, *words, *more, "-o", tmp_path / f"{method}-{len(more)}") == 0
+        told = " ".join(capsys.readouterr().err.split())
+        line = f"thirty rests on 30 labeled pairs, and clone-leverage imitates all {labeled:,}"
+        assert (line in told) == is_told, (method, more)
+
+
 def test_training_by_few_sure_pairs_says_how_much_of_a_batch_they_are(
     pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -114,9 +114,15 @@ def _describe_imitation(
     if sure and data.scale != Posterior.kind:
         yield (
             f"Leverage of {source.run} is by the scale {data.scale}, and a chance by the posterior "
-            f"scale alone: pairs of leverage {SURE} or more need not be the expert's."
+            f"scale alone: pairs of leverage {SURE} or more need not be the expert's. Score with "
+            "--scale posterior, or train with --expert-weighting ratio."
         )
     labeled = data.demonstrations.labeled
+    if data.run_labeled is not None and data.run_labeled < labeled.sum():
+        yield (
+            f"{source.run} rests on {data.run_labeled:,} labeled pairs, and {method} imitates all "
+            f"{labeled.sum():,}; --labels {data.run_labeled} takes as many."
+        )
     weights = row.expert_weights(data.demonstrations, settings)[~labeled]
     share = share_of_unlabeled(int(labeled.sum()), weights)
     if share == 0:

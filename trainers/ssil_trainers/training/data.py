@@ -32,6 +32,8 @@ class TrainingData:
         JSON that identifies the demonstrations: a checkpoint is resumed only with the same.
     scale:
         Kind of the scale that the run's leverage is by; None without a run.
+    run_labeled:
+        How many labeled pairs the run rests on; None without a run.
 
     Examples
     --------
@@ -47,6 +49,7 @@ class TrainingData:
     recorded_return: float | None = None
     identity: Mapping[str, Any] = field(default_factory=dict)
     scale: str | None = None
+    run_labeled: int | None = None
 
     @classmethod
     def read(
@@ -86,6 +89,7 @@ class TrainingData:
             open_model=open_model,
             threads=threads,
         )
+        record = None if run is None else dataset.runs[run]
         identity = {"dataset": dataset.name, "version": dataset.version, "run": run}
         recorded = measure_expert_return(dataset)
         return cls(
@@ -93,5 +97,6 @@ class TrainingData:
             expert_return=None if recorded is None else without_noise(recorded),
             recorded_return=recorded,
             identity=identity,
-            scale=None if run is None else str(dataset.runs[run].scale["kind"]),
+            scale=None if record is None else str(record.scale["kind"]),
+            run_labeled=None if record is None else record.labeled,
         )
