@@ -115,7 +115,14 @@ def import_file(
         print("No episode is labeled: `ssil-data score` needs at least one (--labeled).")
 
 
-def validate(name: str, /, *, location: StoreOption = StoreLocation(), json: AsJson = False) -> int:  # noqa: B008
+def validate(
+    name: str,
+    /,
+    *,
+    repair: Annotated[bool, Parameter(negative=())] = False,
+    location: StoreOption = StoreLocation(),  # noqa: B008
+    json: AsJson = False,
+) -> int:
     """Read every file of a dataset and report what has changed since it was written.
 
     Exit status 1 if anything is damaged.
@@ -124,8 +131,12 @@ def validate(name: str, /, *, location: StoreOption = StoreLocation(), json: AsJ
     ----------
     name:
         The dataset.
+    repair:
+        First restore what can be: one flipped bit of a log entry, the card or a run's settings, and
+        the digests kept beside them.
     """
     store = location.open()
+    restored = store.repair(name) if repair else []
     version = None
     try:
         dataset = store[name]
@@ -134,8 +145,12 @@ def validate(name: str, /, *, location: StoreOption = StoreLocation(), json: AsJ
     except DamagedError as error:
         damaged = [str(error)]
     if json:
-        print_json({"dataset": name, "version": version, "damaged": damaged})
-    elif damaged:
+        row = {"dataset": name, "version": version, "damaged": damaged}
+        print_json(row | {"restored": restored} if repair else row)
+        return 1 if damaged else 0
+    for sentence in restored:
+        print(sentence)
+    if damaged:
         print("\n".join(damaged))
     else:
         print(f"{name} {version}: every file is as it was written")

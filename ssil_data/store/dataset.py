@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ssil_data.demonstrations import Episode, Pairs, join_pairs
-from ssil_data.errors import InvalidInputError, NotFoundError
+from ssil_data.errors import DamagedError, InvalidInputError, NotFoundError
 from ssil_data.features import Standardizer
 from ssil_data.field import LeverageField
 from ssil_data.leverage_model import LeverageModel
@@ -26,12 +26,11 @@ from ssil_data.store.arrow_schema import (
     encode_episode,
     matrix,
 )
+from ssil_data.store.card import find_card_damage, read_card
 from ssil_data.store.delta_table import BATCH_ROWS, DataFile, VersionedTable
 from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
 from ssil_data.store.folder import Folder
 from ssil_data.store.runs import Runs
-
-CARD = "card.md"
 
 
 class Dataset:
@@ -91,7 +90,19 @@ class Dataset:
     @cached_property
     def _files(self) -> list[DataFile]:
         known = set(self.episodes["episode"].to_pylist())
-        return [file for file in self._pairs.files() if file.first in known]
+        files = [file for file in self._pairs.files() if file.first in known]
+        rows = sum(file.rows for file in files)
+        expected = pc.sum(self.episodes["length"]).as_py() or 0
+        if rows != expected:
+            raise DamagedError(
+                f"{self.folder.uri}: the episodes have {expected:,} pairs, and the log of pairs "
+                f"has {rows:,}; nothing can be added before it is restored"
+            )
+        return files
+
+    def _check_counts(self) -> None:
+        """Compare what the logs say of pairs and episodes; raises DamagedError."""
+        _ = self._files
 
     @property
     def state_names(self) -> list[str]:
@@ -106,7 +117,7 @@ class Dataset:
     @property
     def card(self) -> str:
         """The dataset's card, Markdown."""
-        return self.folder.read(CARD).decode()
+        return read_card(self.folder)
 
     @property
     def version(self) -> str:
@@ -115,7 +126,10 @@ class Dataset:
 
     @cached_property
     def _fingerprint(self) -> str:
-        files = [file.path for file in (*self._files, *self._episodes.files())]
+        return self._fingerprint_of(self._files, self._episodes.files())
+
+    def _fingerprint_of(self, pairs: list[DataFile], episodes: list[DataFile]) -> str:
+        files = [file.path for file in (*pairs, *episodes)]
         names = json.dumps([self.state_names, self.action_names])
         return hashlib.sha256("\n".join([names, *files]).encode()).hexdigest()[:16]
 
@@ -136,9 +150,24 @@ class Dataset:
     @property
     def versions(self) -> list[str]:
         """The fingerprints of all versions up to this one, which is the last."""
-        return [
-            Dataset(self.folder, number).version for number in range(1, self._episodes.version + 1)
-        ]
+        return list(self._numbers)
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        """Of each version, by fingerprint: the number of its commit of the episodes table."""
+        pairs = self._pairs.files()
+        within: list[DataFile] = []
+        before = 0
+        numbers = {}
+        for number, episodes in self._episodes.history():
+            new = [(file.first, file.last) for file in episodes[before:]]
+            before = len(episodes)
+            within += [
+                file for file in pairs if any(first <= file.first <= last for first, last in new)
+            ]
+            if episodes:
+                numbers[self._fingerprint_of(within, episodes)] = number
+        return numbers
 
     def at(self, version: str) -> Dataset:
         """Open an earlier version.
@@ -153,12 +182,11 @@ class Dataset:
         NotFoundError
             If there is no such version.
         """
-        versions = self.versions
-        if version not in versions:
+        if version not in self._numbers:
             raise NotFoundError(
-                f"version of {self.name}: expected one of {versions}, found {version!r}"
+                f"version of {self.name}: expected one of {self.versions}, found {version!r}"
             )
-        return Dataset(self.folder, versions.index(version) + 1)
+        return Dataset(self.folder, self._numbers[version])
 
     def append(self, episodes: Iterable[Episode]) -> Dataset:
         """Add episodes, numbered on from the last, as a new version.
@@ -180,9 +208,13 @@ class Dataset:
         ConflictError
             If another writer added episodes meanwhile; nothing is written then.
         """
-        pairs = VersionedTable(self._pairs.folder)
-        table = VersionedTable(self._episodes.folder)
-        first = max((file.last for file in pairs.files()), default=-1) + 1
+        newest = Dataset(self.folder)
+        pairs = newest._pairs
+        table = newest._episodes
+        newest._check_counts()
+        # an append that was killed may have left pairs without their episodes
+        known = (*pairs.files(), *table.files())
+        first = max((file.last for file in known), default=-1) + 1
         rows: list[dict[str, Any]] = []
 
         def chunks() -> Iterator[pa.Table]:
@@ -380,5 +412,36 @@ class Dataset:
         )
 
     def find_damage(self) -> list[str]:
-        """Read every file of the dataset and say which are not as they were written."""
-        return [*self._pairs.find_damage(), *self._episodes.find_damage(), *self.runs.find_damage()]
+        """Read every file of the dataset and say which are not as they were written.
+
+        Raises
+        ------
+        DamagedError
+            If the logs of pairs and episodes contradict each other, so that there is no dataset.
+        """
+        found = [
+            *self._pairs.find_damage(),
+            *self._episodes.find_damage(),
+            *self.runs.find_damage(),
+            *find_card_damage(self.folder),
+        ]
+        return found or self._find_contradictions()
+
+    def _find_contradictions(self) -> list[str]:
+        """Compare the pairs with the episodes' numbers and lengths."""
+        numbers = self.episodes["episode"].to_numpy()
+        lengths = self.episodes["length"].to_numpy()
+        found = np.zeros(int(numbers.max(initial=-1)) + 1, np.int64)
+        for batch in self.index():
+            found += np.bincount(batch["episode"].to_numpy(), minlength=len(found))[: len(found)]
+        repeated = len(numbers) - len(np.unique(numbers))
+        wrong = numbers[found[numbers] != lengths]
+        problems = []
+        if repeated:
+            problems.append(f"{self.folder.uri}: {repeated} episode numbers are there twice")
+        if len(wrong):
+            problems.append(
+                f"{self.folder.uri}: episode {wrong[0]} has {found[wrong[0]]} pairs and not as "
+                f"many as its length says ({len(wrong)} such episodes)"
+            )
+        return problems

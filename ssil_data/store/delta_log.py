@@ -1,21 +1,23 @@
-"""The log of a Delta table on disk: synced before a commit is acknowledged, mended when opened.
+"""The log of a Delta table on disk: synced before a commit is acknowledged, checked when opened.
 
-A commit is acknowledged when its files, its log entry and their folders are on the disk. An entry
-that a power cut left empty or cut off was never acknowledged, and is moved away on opening.
+A commit is acknowledged when its files, its log entry, their folders and the entry's digest (see
+`acknowledged`) are on the disk. An entry that a power cut left empty or cut off was never
+acknowledged: readers open the version before it, and the next writer sets it aside.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ssil_data.errors import DamagedError
+from ssil_data.store.acknowledged import LOG, find_log_damage, read_record, write_record
+from ssil_data.store.checkpoint import EVERY, write_checkpoint
 from ssil_data.store.folder import Folder, sync
-
-LOG = "_delta_log"
-"""The folder of the entries, one file for each commit."""
 
 ADDED = "ssilDataAdded"
 """Key of an entry's first line that says how many files the commit adds."""
@@ -65,43 +67,127 @@ def forget_location(log: Folder) -> None:
     log.write(name, "\n".join(map(json.dumps, entries)).encode())
 
 
-def move_torn_entry(folder: Folder) -> None:
-    """Rename the newest log entry if it is empty or cut off: it was never acknowledged.
+def acknowledge(table: Path, version: int) -> None:
+    """Put a table's log on the disk and keep its digests: from now on it may not change.
+
+    Parameters
+    ----------
+    table
+        The table's folder.
+    version
+        The commit that is to be acknowledged.
+    """
+    with lock_log(table):
+        sync_log(table)
+        if version and version % EVERY == 0:
+            write_checkpoint(table, version)
+        write_record(table, keep=read_record(table))
+
+
+def find_readable(table: Path, version: int | None = None) -> int | None:
+    """Check the log of a table and say which version can be opened; nothing is written.
+
+    Parameters
+    ----------
+    table
+        The table's folder.
+    version
+        The wanted one, None for the newest.
+
+    Returns
+    -------
+    int or None
+        None where the log is whole, so that the newest can be opened; else the wanted version, or
+        the one before an entry that was never acknowledged and is torn.
+
+    Raises
+    ------
+    DamagedError
+        If what was acknowledged is gone or has other bytes, or if nothing tells whether a torn
+        entry was.
+    """
+    record = read_record(table)
+    if record is not None:
+        damage = find_log_damage(table, record, version=version)
+        if damage:
+            raise DamagedError("; ".join(damage))
+    torn = _find_torn(table, record or {})
+    if version is not None or torn is None:
+        return version
+    if record is None:
+        raise DamagedError(
+            f"{torn}: the newest log entry is cut off or damaged, and nothing tells whether it was "
+            "acknowledged; `ssil-data validate --repair` sets it aside"
+        )
+    return int(torn.stem) - 1
+
+
+def set_torn_aside(table: Path, *, unproven: bool = False) -> Path | None:
+    """Rename the newest log entry if it is torn and was never acknowledged, so that one can write.
 
     Judged and renamed under a lock, so that no process renames the whole entry that took its place.
 
     Parameters
     ----------
-    folder
+    table
         The table's folder.
+    unproven
+        Whether to do so in a table without a record of what was acknowledged, too.
+
+    Returns
+    -------
+    Path or None
+        The entry's new name.
 
     Raises
     ------
     DamagedError
         If the entry is torn and cannot be renamed.
     """
-    if folder.local is None or _newest_torn(folder.local) is None:
-        return
-    import fcntl  # a power cut on a system without it is left to be reported as damage
-
-    lock = os.open(folder.local / LOG, os.O_RDONLY)
+    record = read_record(table)
+    if (record is None and not unproven) or _find_torn(table, record or {}) is None:
+        return None
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        torn = _newest_torn(folder.local)
-        if torn is not None:
-            torn.rename(torn.with_suffix(".torn"))
-            os.fsync(lock)
+        with lock_log(table):
+            torn = _find_torn(table, read_record(table) or {})
+            if torn is None:
+                return None
+            aside = torn.rename(torn.with_name(f"{torn.stem}.{secrets.token_hex(4)}.torn"))
+            sync(table / LOG)
     except OSError as error:
         raise DamagedError(
-            f"{folder.uri}: the newest log entry is cut off and cannot be moved away ({error})"
+            f"{table}: the newest log entry is cut off and cannot be set aside ({error})"
         ) from None
+    return aside
+
+
+@contextmanager
+def lock_log(table: Path) -> Iterator[None]:
+    """Hold the lock of a log's torn entries and of the record of what was acknowledged.
+
+    Parameters
+    ----------
+    table
+        The table's folder.
+    """
+    try:
+        import fcntl
+    except ImportError:  # a system without it has one writer at a time
+        yield
+        return
+    handle = os.open(table / LOG, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
     finally:
-        os.close(lock)
+        os.close(handle)
 
 
-def _newest_torn(folder: Path) -> Path | None:
-    entries = sorted((folder / LOG).glob("[0-9]*.json"))
-    return entries[-1] if entries and not _is_whole(entries[-1]) else None
+def _find_torn(table: Path, record: Mapping[str, str]) -> Path | None:
+    """Return the newest entry if it is torn and no digest of it was kept."""
+    entries = sorted((table / LOG).glob("[0-9]*.json"))
+    is_torn = entries and entries[-1].name not in record and not _is_whole(entries[-1])
+    return entries[-1] if is_torn else None
 
 
 def _is_whole(entry: Path) -> bool:

@@ -4,24 +4,42 @@ from __future__ import annotations
 
 import hashlib
 import json
+import operator
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from deltalake import CommitProperties, DeltaTable, Schema, Transaction
+from deltalake import (
+    CommitProperties,
+    DeltaTable,
+    PostCommitHookProperties,
+    Schema,
+    Transaction,
+)
 from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundError
 from deltalake.transaction import AddAction, RemoveAction
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
-from ssil_data.store.delta_log import ADDED, LOG, forget_location, move_torn_entry, sync_log
+from ssil_data.store.acknowledged import LOG
+from ssil_data.store.delta_log import (
+    ADDED,
+    acknowledge,
+    find_readable,
+    forget_location,
+    set_torn_aside,
+)
 from ssil_data.store.folder import Folder
 
 FILE_BYTES = 64 * 2**20
 """A Parquet file is closed when it holds this much Arrow data: the memory that a writer needs."""
+
+KEEP_LOG = PostCommitHookProperties(create_checkpoint=False, cleanup_expired_logs=False)
+"""Of every commit: the log is the history, which nothing may shorten; see `checkpoint`."""
 
 BATCH_ROWS = 16_384
 """Rows that a reader of a whole table has in memory at once."""
@@ -79,7 +97,9 @@ class VersionedTable:
             If the log cannot be read.
         """
         self.folder = folder
-        move_torn_entry(folder)
+        if folder.local is not None:
+            folder.check_files(LOG)
+            version = find_readable(folder.local, version)
         try:
             self.delta = DeltaTable(folder.delta_uri, version=version)
         except TableNotFoundError:
@@ -104,10 +124,16 @@ class VersionedTable:
             Names of columns that become folders.
         """
         folder.make()
-        DeltaTable.create(folder.delta_uri, Schema.from_arrow(schema), partition_by=list(partition))
+        DeltaTable.create(
+            folder.delta_uri,
+            Schema.from_arrow(schema),
+            partition_by=list(partition),
+            configuration={"delta.enableExpiredLogCleanup": "false"},  # for writers of others
+            post_commithook_properties=KEEP_LOG,
+        )
         forget_location(folder / LOG)
         table = cls(folder)
-        table._sync_log()
+        table._acknowledge()
         return table
 
     @property
@@ -122,21 +148,43 @@ class VersionedTable:
 
     def files(self) -> list[DataFile]:
         """List the files of the snapshot in the order of their rows."""
-        files = []
-        for row in pa.table(self.delta.get_add_actions(flatten=False)).to_pylist():
-            least = row["min"]
-            most = row["max"]
-            files.append(
-                DataFile(
-                    path=row["path"],
-                    rows=row["num_records"],
-                    partition=row.get("partition") or {},
-                    first=least["episode"],
-                    last=most["episode"],
-                    first_step=least.get("step", 0),
-                )
-            )
-        return sorted(files, key=lambda file: (file.first, file.last, file.first_step))
+        rows = pa.table(self.delta.get_add_actions(flatten=False)).to_pylist()
+        try:
+            files = [_describe_file(row) for row in rows]
+        except (KeyError, TypeError, ValueError) as error:
+            raise DamagedError(
+                f"{self.folder.uri}: its log describes a file that is none of it ({error!r})"
+            ) from None
+        return sorted(files, key=_order)
+
+    def history(self) -> Iterator[tuple[int, list[DataFile]]]:
+        """Go through the versions that can be opened, up to this one, and the files of each.
+
+        The log is read once, however many there are. What another writer cut off its beginning is
+        passed over, as a checkpoint has the files of the first version that is left.
+
+        Raises
+        ------
+        DamagedError
+            If the log cannot be read.
+        """
+        entries = set((self.folder / LOG).names())
+        first = self.version
+        while first > 0 and _entry(first - 1) in entries:
+            first -= 1
+        files = VersionedTable(self.folder, first).files() if first else []
+        yield first, files
+        for number in range(first + 1, self.version + 1):
+            try:
+                lines = (self.folder / LOG).read(_entry(number)).splitlines()
+                actions = [json.loads(line) for line in lines]
+                added = [_read_add(action["add"]) for action in actions if "add" in action]
+            except (NotFoundError, ValueError, KeyError, TypeError) as error:
+                raise DamagedError(
+                    f"{self.folder.uri}/{LOG}/{_entry(number)}: damaged ({error})"
+                ) from None
+            files = [*files, *added]
+            yield number, sorted(files, key=_order)
 
     def find_claim(self, claim: str) -> int | None:
         """Return the number under which a commit claimed a name, or None.
@@ -175,6 +223,7 @@ class VersionedTable:
         actions: list[AddAction | RemoveAction] = [
             self._write(chunk, partition) for chunk in _combine_chunks(chunks)
         ]
+        self._set_torn_aside()
         try:
             self.delta.create_write_transaction(
                 actions,
@@ -185,13 +234,14 @@ class VersionedTable:
                     custom_metadata={ADDED: len(actions)},
                     app_transactions=[Transaction(*claim)],
                 ),
+                post_commithook_properties=KEEP_LOG,
             )
         except CommitFailedError as error:
             raise ConflictError(
                 f"{claim[0]}: another writer took the name first; open it anew ({error})"
             ) from None
         self.delta.update_incremental()
-        self._sync_log()
+        self._acknowledge()
 
     def add_columns(self, schema: pa.Schema) -> None:
         """Add columns that the table lacks, in a commit of its own; old rows have null there.
@@ -205,11 +255,12 @@ class VersionedTable:
         if not missing:
             return
         fields = Schema.from_arrow(pa.schema(missing)).fields
+        self._set_torn_aside()
         with suppress(CommitFailedError):  # another writer added them first
-            self.delta.alter.add_columns(list(fields))
+            self.delta.alter.add_columns(list(fields), post_commithook_properties=KEEP_LOG)
         self.delta.update_incremental()
         self.schema = pa.schema(self.delta.schema().to_arrow())
-        self._sync_log()
+        self._acknowledge()
 
     def batches(
         self, files: Iterable[DataFile], columns: Sequence[str], *, rows: int = BATCH_ROWS
@@ -278,10 +329,53 @@ class VersionedTable:
         now = int(time.time() * 1000)
         return AddAction(path, size, dict(partition), now, True, _statistics(rows))
 
-    def _sync_log(self) -> None:
-        """Put the log on the disk; an object store has done so already."""
+    def _set_torn_aside(self) -> None:
+        """Let an entry that a power cut left torn, and nobody acknowledged, not stop a writer."""
         if self.folder.local is not None:
-            sync_log(self.folder.local)
+            set_torn_aside(self.folder.local)
+
+    def _acknowledge(self) -> None:
+        """Put the log and its digests on the disk; an object store has written it whole already."""
+        if self.folder.local is not None:
+            acknowledge(self.folder.local, self.version)
+
+
+def _entry(version: int) -> str:
+    return f"{version:020d}.json"
+
+
+def _order(file: DataFile) -> tuple[int, int, int]:
+    return file.first, file.last, file.first_step
+
+
+def _read_add(add: dict[str, Any]) -> DataFile:
+    """Read one file of a log entry."""
+    statistics = json.loads(add["stats"])
+    return _describe_file(
+        {
+            "path": add["path"],
+            "num_records": statistics["numRecords"],
+            "partition": add["partitionValues"],
+            "min": statistics["minValues"],
+            "max": statistics["maxValues"],
+        }
+    )
+
+
+def _describe_file(row: Mapping[str, Any]) -> DataFile:
+    """Read one file of a log; raises KeyError, TypeError or ValueError for what is none."""
+    path = PurePosixPath(row["path"])
+    if path.is_absolute() or ".." in path.parts or ":" in row["path"]:
+        raise ValueError(row["path"])
+    least = row["min"]
+    return DataFile(
+        path=row["path"],
+        rows=operator.index(row["num_records"]),
+        partition=row.get("partition") or {},
+        first=operator.index(least["episode"]),
+        last=operator.index(row["max"]["episode"]),
+        first_step=operator.index(least.get("step", 0)),
+    )
 
 
 def _digest(data: bytes | pa.Buffer) -> str:

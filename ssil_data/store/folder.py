@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import stat
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
@@ -12,7 +14,7 @@ from urllib.request import url2pathname
 import pyarrow as pa
 from pyarrow import fs
 
-from ssil_data.errors import InvalidInputError, NotFoundError
+from ssil_data.errors import DamagedError, InvalidInputError, NotFoundError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
@@ -58,13 +60,15 @@ def sync(path: Path) -> None:
 class Folder:
     """A folder by path, or a prefix by URI (`s3://…`), with credentials in the environment."""
 
-    def __init__(self, location: str | Path) -> None:
+    def __init__(self, location: str | Path, *, root: Path | None = None) -> None:
         """Point at a location; nothing is created before the first write.
 
         Parameters
         ----------
         location
             A path or URI.
+        root
+            The local folder that nothing is read outside of; this one unless given.
 
         Raises
         ------
@@ -72,6 +76,7 @@ class Folder:
             For a URI that no file system knows, or a path with `%`.
         """
         self.local: Path | None = None
+        self.root: Path | None = None
         place = urlsplit(str(location))
         if "://" not in str(location) or place.scheme == "file":
             path = url2pathname(place.path) if place.scheme == "file" else location
@@ -80,6 +85,7 @@ class Folder:
                     f"store: expected a path without '%', which Delta Lake decodes, found {path}"
                 )
             self.local = Path(path).absolute()
+            self.root = self.local if root is None else root
             self.uri = str(self.local)
             self._path = self.uri
             self._files = fs.LocalFileSystem()
@@ -105,7 +111,7 @@ class Folder:
         name
             Its name.
         """
-        return Folder(f"{self.uri}/{name}")
+        return Folder(f"{self.uri}/{name}", root=self.root)
 
     def __repr__(self) -> str:
         """Show the location."""
@@ -139,11 +145,51 @@ class Folder:
         ------
         NotFoundError
             If there is none.
+        DamagedError
+            If it is no regular file, or leads out of the store.
         """
+        if self.local is not None:
+            self._check_inside(self.local / name)
         try:
             return self._files.open_input_file(f"{self._path}/{name}")
         except FileNotFoundError:
             raise NotFoundError(f"file: there is none at {self.uri}/{name}") from None
+
+    def check_files(self, name: str) -> None:
+        """Refuse a local folder in which anything is no regular file or leads out of the store.
+
+        For libraries that read such a folder by themselves.
+
+        Parameters
+        ----------
+        name
+            Of a folder in this one; nothing is checked if it does not exist.
+
+        Raises
+        ------
+        DamagedError
+            With the name of the file.
+        """
+        if self.local is None:
+            return
+        with suppress(FileNotFoundError), os.scandir(self.local / name) as entries:
+            for entry in entries:
+                if entry.is_symlink() or not entry.is_file():
+                    self._check_inside(Path(entry.path))
+            self._check_inside(self.local / name, folder=True)
+
+    def _check_inside(self, path: Path, *, folder: bool = False) -> None:
+        """Raise DamagedError for what waits for a writer, as a pipe does, or lies elsewhere."""
+        try:
+            mode = path.stat().st_mode
+        except (FileNotFoundError, NotADirectoryError):
+            return  # what is not there is told by who opens it
+        except OSError as error:
+            raise DamagedError(f"{path}: it cannot be read ({error.strerror})") from None
+        if not (stat.S_ISDIR(mode) if folder else stat.S_ISREG(mode)):
+            raise DamagedError(f"{path}: it is no {'folder' if folder else 'regular file'}")
+        if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.root or "/")):
+            raise DamagedError(f"{path}: it leads out of {self.root}, and is not read")
 
     def read(self, name: str) -> bytes:
         """Read a whole file.

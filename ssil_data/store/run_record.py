@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field, fields
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 UNCHECKED = "unchecked"
 """What stands for the held-out AUROC of a run that judged no labeled pairs which it held out."""
@@ -135,3 +137,33 @@ class Run:
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
         return cls(name=values.pop("run"), **values)
+
+
+def find_misfit(run: Run) -> str:
+    """Name the first field of a record that is not what it is declared as; "" for none.
+
+    Parameters
+    ----------
+    run
+        As read from a file that anybody may have written.
+    """
+    hints = get_type_hints(Run)
+    wrong = (
+        each.name for each in fields(run) if not _fits(getattr(run, each.name), hints[each.name])
+    )
+    return next(wrong, "")
+
+
+def _fits(value: object, hint: Any) -> bool:
+    if get_origin(hint) is UnionType:
+        return any(_fits(value, choice) for choice in get_args(hint))
+    if hint is NoneType:
+        return value is None
+    if hint is float:
+        return type(value) in (int, float) and math.isfinite(value)  # pyright: ignore
+    if get_origin(hint) is Mapping:
+        return isinstance(value, dict)
+    if get_origin(hint) is Sequence:
+        (each,) = get_args(hint)
+        return isinstance(value, list | tuple) and all(_fits(part, each) for part in value)
+    return type(value) is hint

@@ -13,11 +13,11 @@ from collections.abc import Iterable, Iterator
 
 import pyarrow as pa
 
-from ssil_data.errors import ConflictError, DamagedError, NotFoundError
+from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
 from ssil_data.store.arrow_schema import LEVERAGE, VALUES, fill_columns
-from ssil_data.store.delta_table import VersionedTable
+from ssil_data.store.delta_table import DataFile, VersionedTable
 from ssil_data.store.folder import Folder, check_name
-from ssil_data.store.run_record import Run
+from ssil_data.store.run_record import Run, find_misfit
 from ssil_data.store.version_rule import check_version, select_version
 
 
@@ -112,7 +112,7 @@ class Runs:
         """
         table = self._open_table()
         self._check_version(self._find(table, name))
-        files = [file for file in table.files() if file.partition["run"] == name]
+        files = [file for file in table.files() if _run_of(file) == name]
         known = [name for name in VALUES.names if name in table.schema.names]
         read = pa.Table.from_batches(list(table.batches(files, known)))
         return fill_columns(read)
@@ -194,7 +194,7 @@ class Runs:
         for name in _names(table):
             try:
                 self.model(self._read_record(table, name))
-            except (DamagedError, NotFoundError) as error:
+            except DamagedError as error:
                 found.append(str(error))
         return found
 
@@ -217,8 +217,17 @@ class Runs:
         if number is None:
             raise DamagedError(f"run {name!r}: the log has its values but not its claim")
         identity = f"{number:015x}"
-        settings = _read_checked(self._models(name), f"settings-{identity}.json", identity)
-        return Run.from_json(json.loads(settings))
+        file = f"settings-{identity}.json"
+        models = self._models(name)
+        settings = _read_checked(models, file, identity)
+        try:
+            record = Run.from_json(json.loads(settings))
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise DamagedError(f"{models.uri}/{file}: no record of a run ({error!r})") from None
+        misfit = find_misfit(record) or ("" if record.name == name else "run")
+        if misfit:
+            raise DamagedError(f"{models.uri}/{file}: no record of this run (its {misfit})")
+        return record
 
     def _models(self, name: str) -> Folder:
         return self._folder / "models" / name
@@ -248,7 +257,16 @@ def digest(data: bytes) -> str:
 
 def _names(table: VersionedTable) -> list[str]:
     """List the runs in one state of the table, sorted."""
-    return sorted({file.partition["run"] for file in table.files()})
+    return sorted({_run_of(file) for file in table.files()})
+
+
+def _run_of(file: DataFile) -> str:
+    """Return the name of the run that a file has values of, which becomes a folder's name."""
+    name = file.partition.get("run")
+    try:
+        return check_name("run", str(name))
+    except InvalidInputError as error:
+        raise DamagedError(f"{file.path}: values of no run ({error})") from None
 
 
 def _claim(name: str) -> str:
@@ -262,7 +280,10 @@ def _is_taken(table: VersionedTable, name: str) -> bool:
 
 def _read_checked(folder: Folder, name: str, expected: str) -> bytes:
     """Read a file and compare its digest; raises DamagedError."""
-    data = folder.read(name)
+    try:
+        data = folder.read(name)
+    except NotFoundError as error:
+        raise DamagedError(str(error)) from None
     if digest(data) != expected:
         raise DamagedError(f"{folder.uri}/{name}: expected {expected}, found {digest(data)}")
     return data

@@ -9,16 +9,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ssil_data.demonstrations import Episode
-from ssil_data.errors import ConflictError, NotFoundError
+from ssil_data.errors import ConflictError, InvalidInputError, NotFoundError
 from ssil_data.store import runs
+from ssil_data.store.acknowledged import RECORD
 from ssil_data.store.arrow_schema import EPISODES, pairs_schema
-from ssil_data.store.dataset import CARD, Dataset
+from ssil_data.store.card import CARD, write_card
+from ssil_data.store.dataset import Dataset
 from ssil_data.store.delta_table import VersionedTable
 from ssil_data.store.folder import Folder, check_name
 
 _HIDDEN = ".unfinished-"
 """Prefix of folders that are being built or deleted and belong to no dataset."""
-_PARTS = frozenset({"pairs", "episodes", "leverage", "models"})
+_PARTS = frozenset({"pairs", "episodes", "leverage", "models", RECORD})
 """What a writer without a lock can leave of a deleted dataset."""
 
 
@@ -130,7 +132,7 @@ class Store:
             VersionedTable.create(built / "episodes", EPISODES)
             runs.create(built)
             dataset = Dataset(built).append(episodes)
-            built.write(CARD, f"{card.rstrip()}\n\n{dataset.checksums()}".encode())
+            write_card(built, f"{card.rstrip()}\n\n{dataset.checksums()}")
             if built is not final:
                 self._publish(built, final)
         return Dataset(final)
@@ -179,6 +181,37 @@ class Store:
                 if not folder.rename(removed):
                     raise self._no_such_dataset(name)
             removed.delete()
+
+    def repair(self, name: str) -> list[str]:
+        """Restore what can be of a damaged dataset on disk; what cannot be stays as it is.
+
+        Parameters
+        ----------
+        name
+            The dataset's name.
+
+        Returns
+        -------
+        list of str
+            What was done, one sentence for each file; none where nothing is damaged or can be
+            restored.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that name.
+        ConflictError
+            While it is open for writing.
+        InvalidInputError
+            For an object store, which keeps its own copies.
+        """
+        from ssil_data.store.repair import repair
+
+        folder = (self.folder / check_name("dataset", name)).local
+        if folder is None:
+            raise InvalidInputError("repair: only a store on disk can be repaired here")
+        with self._lock_dataset(name, exclusive=True):
+            return repair(folder)
 
     def sweep(self) -> None:
         """Delete what a `create` or a `delete` that was killed left on the disk."""

@@ -21,7 +21,8 @@ from ssil_data.errors import NotFoundError, SsilDataError
 from ssil_data.field import LeverageField
 from ssil_data.scoring import LeverageModel
 from ssil_data.store import Store
-from ssil_data.store.dataset import CARD, Dataset
+from ssil_data.store.card import CARD
+from ssil_data.store.dataset import Dataset
 from ssil_data.store.folder import check_name
 from ssil_service.queries.cache import Cache
 from ssil_service.queries.snapshot import Snapshot

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
+from deltalake import DeltaTable
 
 from ssil_data.demonstrations import Episode
 from ssil_data.errors import ConflictError, DamagedError, InvalidInputError, NotFoundError
@@ -16,6 +17,7 @@ from ssil_data.estimators import VAE
 from ssil_data.scoring import score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
+from ssil_data.store.delta_log import set_torn_aside
 from ssil_data.store.delta_table import VersionedTable
 from support.demonstrations import ACTION_NAMES, STATE_NAMES, drive, drives
 
@@ -188,55 +190,181 @@ def test_an_unknown_dataset_is_refused_with_the_known_ones(store: Store, dataset
         store["other"]
 
 
-def test_an_entry_that_a_power_cut_left_torn_is_set_aside(dataset: Dataset):
-    dataset.append([drive(99, 7)])
-    for torn in (b"", b'{"commitInfo": {"timest'):
-        entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
-        entry.write_bytes(torn)
-        reopened = Dataset(dataset.folder)
-        assert reopened.version == dataset.version
-        assert not entry.exists()
-
-
-def test_an_entry_cut_between_two_lines_is_set_aside(dataset: Dataset):
+@pytest.fixture
+def unacknowledged(dataset: Dataset) -> tuple[Dataset, Dataset, Path]:
+    """A dataset, its next version, whose commit is not acknowledged yet, and its entry."""
+    record = local(dataset) / "episodes" / "_acknowledged"
+    before = record.read_bytes()
     newer = dataset.append([drive(99, 7)])
-    entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+    record.write_bytes(before)
+    return dataset, newer, local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+
+
+@pytest.mark.parametrize("torn", [b"", b"\0" * 300, b'{"commitInfo": {"timest'])
+def test_an_entry_that_a_power_cut_left_torn_is_passed_over_by_readers_and_set_aside_by_a_writer(
+    unacknowledged: tuple[Dataset, Dataset, Path], torn: bytes
+):
+    dataset, _, entry = unacknowledged
+    entry.write_bytes(torn)
+    before = sorted(local(dataset).rglob("*"))
+    reopened = Dataset(dataset.folder)
+    assert reopened.version == dataset.version
+    assert reopened.find_damage() == []
+    assert sorted(local(dataset).rglob("*")) == before  # reading changes nothing
+    newer = reopened.append([drive(98, 7)])
+    assert newer.versions == [dataset.version, newer.version]
+    assert newer.find_damage() == []
+    (aside,) = entry.parent.glob("*.torn")
+    assert aside.read_bytes() == torn
+
+
+def test_an_entry_cut_between_two_lines_is_passed_over(
+    unacknowledged: tuple[Dataset, Dataset, Path],
+):
+    dataset, newer, entry = unacknowledged
     lines = entry.read_text().splitlines()
     assert len(lines) == 3
     for kept in (1, 2):
         entry.write_text("\n".join(lines[:kept]))
         assert Dataset(dataset.folder).version == dataset.version
-        assert not entry.exists()
     entry.write_text("\n".join(lines))
     assert Dataset(dataset.folder).version == newer.version
 
 
 def test_a_torn_entry_is_judged_again_under_the_lock(
-    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+    unacknowledged: tuple[Dataset, Dataset, Path], monkeypatch: pytest.MonkeyPatch
 ):
-    newer = dataset.append([drive(99, 7)])
-    entry = local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json"
+    dataset, newer, entry = unacknowledged
+    table = local(dataset) / "episodes"
     judged = iter([entry])
-    monkeypatch.setattr("ssil_data.store.delta_log._newest_torn", lambda folder: next(judged, None))
-    assert Dataset(dataset.folder).version == newer.version
+    monkeypatch.setattr(
+        "ssil_data.store.delta_log._find_torn", lambda table, record: next(judged, None)
+    )
+    assert set_torn_aside(table) is None
     assert entry.exists()
+    assert Dataset(dataset.folder).version == newer.version
 
 
-def test_a_broken_entry_in_the_middle_of_the_log_is_damage(dataset: Dataset):
+@pytest.mark.parametrize(
+    ("table", "number"),
+    [*((table, number) for table in ("pairs", "episodes") for number in range(3)), ("leverage", 0)],
+)
+def test_an_acknowledged_entry_that_rotted_is_damage_and_stops_writers(
+    dataset: Dataset, table: str, number: int
+):
     dataset.append([drive(99, 7)])
-    (local(dataset) / "pairs" / "_delta_log" / f"{1:020d}.json").write_text("{")
-    with pytest.raises(DamagedError, match="pairs: its log is damaged"):
-        Dataset(dataset.folder)
+    entry = local(dataset) / table / "_delta_log" / f"{number:020d}.json"
+    whole = entry.read_bytes()
+    rotten = (
+        whole[:-3],
+        whole.replace(b"null", b"nul|", 1),
+        b"",
+        bytes([whole[0] ^ 1]) + whole[1:],
+    )
+    for data in rotten:
+        entry.write_bytes(data)
+        before = sorted(local(dataset).rglob("*"))
+        with pytest.raises(DamagedError, match=f"{entry.name}: the log entry of version {number}"):
+            opened = Dataset(dataset.folder)
+            opened.runs.names()
+            opened.append([drive(98, 7)])
+        assert sorted(local(dataset).rglob("*")) == before
+    entry.unlink()
+    with pytest.raises(DamagedError, match="was acknowledged and is gone"):
+        Dataset(dataset.folder).runs.names()
 
 
-def test_a_log_that_promises_more_rows_than_there_are_is_damage(dataset: Dataset):
+def test_versions_before_a_damaged_entry_can_still_be_read(dataset: Dataset):
+    dataset.append([drive(99, 7)])
+    (local(dataset) / "episodes" / "_delta_log" / f"{2:020d}.json").write_bytes(b"")
+    assert Dataset(dataset.folder, 1).version == dataset.version
+
+
+def test_the_record_of_what_was_acknowledged_is_under_a_digest_itself(dataset: Dataset):
+    record = local(dataset) / "pairs" / "_acknowledged"
+    whole = record.read_bytes()
+    for place in range(len(whole)):
+        record.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        with pytest.raises(DamagedError, match="the kept digests are not as they were written"):
+            Dataset(dataset.folder)
+
+
+def test_the_card_is_under_a_digest(dataset: Dataset):
+    card = local(dataset) / "card.md"
+    card.write_text(card.read_text().replace("Drives", "Draves"))
+    with pytest.raises(DamagedError, match=r"card\.md: it is not as it was written"):
+        _ = Dataset(dataset.folder).card
+    assert Dataset(dataset.folder).find_damage() == [f"{card}: it is not as it was written"]
+
+
+def test_a_log_that_was_never_acknowledged_and_promises_other_rows_is_damage(dataset: Dataset):
+    """As version 0.1.0 left logs: without a record of their bytes."""
+    (local(dataset) / "pairs" / "_acknowledged").unlink()
     entry = local(dataset) / "pairs" / "_delta_log" / f"{1:020d}.json"
     entry.write_text(entry.read_text().replace('\\"numRecords\\": 420', '\\"numRecords\\": 421'))
     reopened = Dataset(dataset.folder)
-    assert len(reopened) == 421
-    assert "expected 421 rows as logged, found 420" in reopened.find_damage()[0]
-    with pytest.raises(DamagedError, match="pairs: expected 421 as logged, found 420"):
-        score(reopened, VAE())
+    for read in (lambda: len(reopened), lambda: reopened.version, lambda: score(reopened, VAE())):
+        with pytest.raises(DamagedError, match="have 420 pairs, and the log of pairs has 421"):
+            read()
+
+
+def test_an_empty_log_of_pairs_hands_no_episode_number_out_again(dataset: Dataset):
+    """As 0.1.0 left it, which set acknowledged entries aside."""
+    log = local(dataset) / "pairs"
+    (log / "_acknowledged").unlink()
+    (log / "_delta_log" / f"{1:020d}.json").rename(log / "_delta_log" / f"{1:020d}.torn")
+    reopened = Dataset(dataset.folder)
+    with pytest.raises(DamagedError, match="have 420 pairs, and the log of pairs has 0"):
+        len(reopened)
+    with pytest.raises(DamagedError, match="have 420 pairs"):
+        reopened.append([drive(98, 7)])
+
+
+def test_a_log_of_an_older_version_gets_its_record_from_the_next_writer(dataset: Dataset):
+    record = local(dataset) / "episodes" / "_acknowledged"
+    whole = record.read_text().splitlines()
+    record.unlink()
+    newer = Dataset(dataset.folder).append([drive(99, 7)])
+    assert record.read_text().splitlines()[:2] == whole[:2]
+    assert newer.find_damage() == []
+
+
+def test_many_commits_remove_nothing_of_the_history(store: Store):
+    dataset = store.create(
+        "long", [drive(0, 3)], state_names=STATE_NAMES, action_names=ACTION_NAMES
+    )
+    log = local(dataset) / "episodes" / "_delta_log"
+    for number in range(1, 105):
+        dataset = dataset.append([drive(number, 3)])
+        for entry in log.iterdir():
+            os.utime(entry, (0, 0))  # fifty years ago
+    assert len(list(log.glob("*.json"))) == 106
+    assert len(list(log.glob("*.checkpoint.parquet"))) == 1
+    assert [path.name for path in log.parent.iterdir() if path.name.startswith(".")] == []
+    versions = dataset.versions
+    assert len(set(versions)) == 105
+    assert dataset.at(versions[50]).version == versions[50]
+    assert len(dataset.at(versions[50])) == 51 * 3
+    (checkpoint,) = log.glob("*.checkpoint.parquet")
+    data = checkpoint.read_bytes()
+    checkpoint.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+    with pytest.raises(DamagedError, match=f"{checkpoint.name}: .* is not as it was acknowledged"):
+        Dataset(dataset.folder)
+
+
+def test_a_history_that_another_writer_cut_off_is_read_from_where_it_begins(dataset: Dataset):
+    for number in range(3):
+        dataset = dataset.append([drive(90 + number, 7)])
+    versions = dataset.versions
+    folder = local(dataset) / "episodes"
+    (folder / "_acknowledged").unlink()
+    DeltaTable(str(folder), version=3).create_checkpoint()
+    for number in range(3):
+        (folder / "_delta_log" / f"{number:020d}.json").unlink()
+    reopened = Dataset(dataset.folder)
+    assert reopened.versions == versions[2:]
+    with pytest.raises(NotFoundError, match="version of drives: expected one of"):
+        reopened.at(versions[0])
 
 
 def test_a_commit_syncs_data_then_log_then_folders(
