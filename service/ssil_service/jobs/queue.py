@@ -102,7 +102,8 @@ class JobQueue:
                 if record.has_ended:
                     self._registry.restore(record)
             for record in self._find_orphans(living):
-                self._adopt(record)
+                with suppress(OSError):  # looked at again while the server runs
+                    self._adopt(record)
         self._registry.trim()
         for number in range(self._running_limit):
             Thread(target=self._work, name=f"job-{number}", daemon=True).start()
@@ -133,7 +134,8 @@ class JobQueue:
             if self._closing.is_set():
                 return
             if record.state == "running" or self._is_idle():
-                self._adopt(record)
+                with suppress(OSError):  # what cannot be read now is looked at again
+                    self._adopt(record)
 
     def _find_orphans(self, living: set[str]) -> list[JobRecord]:
         """Find the unfinished jobs that no living server has, the oldest first.
@@ -162,6 +164,8 @@ class JobQueue:
             return
         try:
             ending = self.runner.find_ending(record, _STOPPED)
+        except OSError:
+            raise
         except Exception as error:  # an invalid record must not stop the server from starting
             ending = _log_failure(record, error)
         self._registry.finish(self._registry.restore(record), ending)
@@ -181,6 +185,7 @@ class JobQueue:
         self._wait_for_running(_KILL_SECONDS)
         if self._adoption.is_alive():
             self._adoption.join(_KILL_SECONDS)
+        self._registry.write_endings()
 
     def _wait_for_running(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds

@@ -288,8 +288,8 @@ class JobRegistry:
             for job_id, record in list(self._unwritten.items()):
                 try:
                     self._write(record)
-                except OSError:
-                    return
+                except OSError:  # logged; it may be this file alone that is refused
+                    continue
                 del self._unwritten[job_id]
 
     def trim(self) -> None:
@@ -298,6 +298,7 @@ class JobRegistry:
             ended = [job.record for job in self._jobs.values() if job.record.has_ended]
             for record in sorted(ended, key=lambda each: each.ended or "")[:-KEPT]:
                 del self._jobs[record.id]
+                self._unwritten.pop(record.id, None)
                 self._journal.forget(record.id)
 
     def close(self) -> None:

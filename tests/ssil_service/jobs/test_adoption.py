@@ -15,6 +15,7 @@ import ssil_data as sd
 from ssil_service.jobs.journal import JobRecord, Journal
 from ssil_service.jobs.queue import JobQueue, JobRequest
 from ssil_service.jobs.registry import utc_now
+from ssil_service.jobs.runner import Ending, Runner
 from ssil_service.workers.lease import ServerLease
 
 Work = Callable[..., Any]
@@ -405,3 +406,91 @@ def test_a_queue_that_was_never_started_closes(folder: Path):
     queue = JobQueue(str(folder), ServerLease(folder / ".service"), pool, running=1, waiting=8)
     queue.close(0)
     queue.lease.close()
+
+
+def test_a_record_that_cannot_be_written_does_not_stop_the_endings_of_others(
+    folder: Path, journal: Journal, start: Callable[..., JobQueue], looks: Looks
+):
+    end = threading.Event()
+    queue = start(lambda: end.wait(20), nothing)
+    refused = submit(folder, queue, "refused")
+    wait_until(lambda: find(journal, refused).state == "running")
+    path = folder / ".service" / "jobs" / f"{refused}.json"
+    path.unlink()
+    path.mkdir()
+    end.set()
+    other = submit(folder, queue, "other")
+    wait_until(lambda: queue.get(other)["state"] == "succeeded")
+    looks.wait_for(2)
+    assert find(Journal(journal_folder(folder)), other).state == "succeeded"
+
+
+def test_an_ending_that_the_disk_refused_is_written_when_the_server_closes(
+    folder: Path, journal: Journal, start: Callable[..., JobQueue], monkeypatch: pytest.MonkeyPatch
+):
+    end = threading.Event()
+
+    def fail() -> None:
+        end.wait(20)
+        raise sd.errors.DamagedError("file: is damaged")
+
+    queue = start(fail)
+    job = submit(folder, queue, "job")
+    wait_until(lambda: find(journal, job).state == "running")
+    with refused_writes(monkeypatch):
+        end.set()
+        wait_until(lambda: queue.counts()["running"] == 0)
+    queue.close(1)
+    ended = find(Journal(journal_folder(folder)), job)
+    assert ended.error == queue.get(job)["error"]
+
+
+def test_a_job_that_is_forgotten_is_not_written_again(
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+    looks: Looks,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr("ssil_service.jobs.registry.KEPT", 1)
+    queue = start()
+    with refused_writes(monkeypatch):
+        for number in range(4):
+            write_orphan(folder, journal, "running", number + 1)
+        wait_until(lambda: sum(queue.counts().values()) == 1)
+        looks.wait_for(2)
+    looks.wait_for(2)
+    assert len(list(journal_folder(folder).glob("*.json"))) == 1
+
+
+@pytest.mark.parametrize("starts_first", [True, False])
+def test_a_job_whose_store_cannot_be_read_is_looked_at_again(
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+    looks: Looks,
+    monkeypatch: pytest.MonkeyPatch,
+    starts_first: bool,
+):
+    asked: list[str] = []
+
+    def find_ending(self: Runner, record: JobRecord, failure: Ending) -> Ending:
+        asked.append(record.id)
+        if len(asked) == 1:
+            raise OSError(5, "Input/output error")
+        return Ending("succeeded")
+
+    monkeypatch.setattr(Runner, "find_ending", find_ending)
+    if starts_first:
+        queue = start()
+        job = write_orphan(folder, journal, "running")
+    else:
+        job = write_orphan(folder, journal, "running")
+        queue = start()
+    wait_until(lambda: len(asked) == 2)
+    looks.wait_for(1)
+    assert queue.get(job)["state"] == "succeeded"
+
+
+def journal_folder(folder: Path) -> Path:
+    return folder / ".service" / "jobs"

@@ -118,9 +118,9 @@ class Demonstrations:
 
 def _check_leverage(leverage: NDArray[np.float32], pairs: int) -> None:
     """Raise InvalidInputError unless there is one number from 0 to 1 per pair; NaN is none."""
-    if leverage.shape != (pairs,):
+    if np.shape(leverage) != (pairs,):
         raise InvalidInputError(
-            f"leverage: expected one number per pair, {pairs}, found shape {leverage.shape}"
+            f"leverage: expected one number per pair, {pairs}, found shape {np.shape(leverage)}"
         )
     outside = np.flatnonzero(~((leverage >= 0) & (leverage <= 1)))
     if len(outside):

@@ -129,7 +129,7 @@ def _describe_imitation(
         least = f"a leverage of {SURE} or more" if sure else "a leverage above 0"
         more = "; --expert-weighting posterior weights all by their leverage" if sure else ""
         yield f"No unlabeled pair has {least}, so {method} imitates labeled pairs alone{more}."
-    elif share < 1 / 2:
+    elif round(100 * share) < 50:
         yield (
             f"Few unlabeled pairs for {labeled.sum():,} labeled ones: none of them counts more "
             f"than a labeled one, so {100 * share:.2g} % of what {method} imitates is unlabeled, "
