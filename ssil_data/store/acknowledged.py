@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from ssil_data.errors import DamagedError, NotFoundError
@@ -28,7 +27,7 @@ _LINE = re.compile(r"([0-9a-f]{64})  ([\w./-]+)")
 
 _Identity = tuple[int, int, int, int]
 _verified: dict[Path, dict[str, tuple[_Identity, str]]] = {}
-"""Of each log: the digests that this process took, and of which state of a file."""
+"""Of each folder: the digests that this process took, and of which state of a file."""
 
 
 def read_record(table: Path) -> dict[str, str] | None:
@@ -152,7 +151,7 @@ def find_log_damage(
 
 
 def digest_of(path: Path) -> str:
-    """Return the digest of a file of a log, read again only where it changed.
+    """Return the digest of a file, which is read again only where it changed.
 
     Parameters
     ----------
@@ -168,20 +167,9 @@ def digest_of(path: Path) -> str:
     identity = (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
     known = _verified.setdefault(path.parent, {})
     if path.name not in known or known[path.name][0] != identity:
-        known[path.name] = (identity, hashlib.sha256(path.read_bytes()).hexdigest())
+        with path.open("rb") as file:
+            known[path.name] = (identity, hashlib.file_digest(file, "sha256").hexdigest())
     return known[path.name][1]
-
-
-def forget_digests(table: Path) -> None:
-    """Let the digests of a table's log be taken anew, as where a disk is suspected.
-
-    Parameters
-    ----------
-    table
-        The table's folder.
-    """
-    with suppress(KeyError):
-        del _verified[table / LOG]
 
 
 def _own_digest(lines: list[str]) -> str:

@@ -25,7 +25,7 @@ from deltalake.exceptions import CommitFailedError, DeltaError, TableNotFoundErr
 from deltalake.transaction import AddAction, RemoveAction
 
 from ssil_data.errors import ConflictError, DamagedError, NotFoundError
-from ssil_data.store.acknowledged import LOG
+from ssil_data.store.acknowledged import LOG, digest_of
 from ssil_data.store.delta_log import (
     ADDED,
     acknowledge,
@@ -40,6 +40,9 @@ FILE_BYTES = 64 * 2**20
 
 KEEP_LOG = PostCommitHookProperties(create_checkpoint=False, cleanup_expired_logs=False)
 """Of every commit: the log is the history, which nothing may shorten; see `checkpoint`."""
+
+DIGITS = 32
+"""Of SHA-256 in the name of a file."""
 
 BATCH_ROWS = 16_384
 """Rows that a reader of a whole table has in memory at once."""
@@ -265,7 +268,10 @@ class VersionedTable:
     def batches(
         self, files: Iterable[DataFile], columns: Sequence[str], *, rows: int = BATCH_ROWS
     ) -> Iterator[pa.RecordBatch]:
-        """Read columns of files in batches; page checksums are verified.
+        """Read columns of files in batches; their bytes are verified.
+
+        On disk, a process takes the digest of each file once; in an object store, which is read in
+        parts, the checksums of its pages are compared.
 
         Parameters
         ----------
@@ -283,13 +289,36 @@ class VersionedTable:
         """
         for file in files:
             try:
+                self._check_digest(file)
                 with self.folder.open(file.path) as source:
                     parquet = pq.ParquetFile(source, page_checksum_verification=True)
+                    self._check_columns(parquet.schema_arrow, columns)
                     yield from parquet.iter_batches(batch_size=rows, columns=list(columns))
             except (OSError, pa.ArrowException) as error:
                 raise DamagedError(f"{self.folder.uri}/{file.path}: {error}") from None
             except NotFoundError as error:
                 raise DamagedError(str(error)) from None
+
+    def _check_digest(self, file: DataFile) -> None:
+        """Raise DamagedError if a file on disk has other bytes than its name says."""
+        local = self.folder.local
+        if local is None or not self.folder.exists(file.path):
+            return
+        self.folder.check_file(file.path)
+        found = digest_of(local / file.path)[:DIGITS]
+        if found != file.digest:
+            raise DamagedError(
+                f"{self.folder.uri}/{file.path}: expected {file.digest}, found {found}"
+            )
+
+    def _check_columns(self, schema: pa.Schema, columns: Sequence[str]) -> None:
+        """Raise ArrowInvalid unless a file has columns as the table does."""
+        for name in columns:
+            expected = self.schema.field(name).type if name in self.schema.names else None
+            found = schema.field(name).type if name in schema.names else None
+            added_later = found is None and bool(self.partition_columns)
+            if not added_later and found != expected:
+                raise pa.ArrowInvalid(f"column {name}: expected {expected}, found {found}")
 
     def find_damage(self) -> list[str]:
         """Read every file and name those that are not what their name and the log say."""
@@ -379,7 +408,7 @@ def _describe_file(row: Mapping[str, Any]) -> DataFile:
 
 
 def _digest(data: bytes | pa.Buffer) -> str:
-    return hashlib.sha256(data).hexdigest()[:32]
+    return hashlib.sha256(data).hexdigest()[:DIGITS]
 
 
 def _statistics(rows: pa.Table) -> str:

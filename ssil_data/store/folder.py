@@ -148,12 +148,27 @@ class Folder:
         DamagedError
             If it is no regular file, or leads out of the store.
         """
-        if self.local is not None:
-            self._check_inside(self.local / name)
+        self.check_file(name)
         try:
             return self._files.open_input_file(f"{self._path}/{name}")
         except FileNotFoundError:
             raise NotFoundError(f"file: there is none at {self.uri}/{name}") from None
+
+    def check_file(self, name: str) -> None:
+        """Refuse a local file that is no regular one or leads out of the store.
+
+        Parameters
+        ----------
+        name
+            Of a file below the folder; nothing is checked if it does not exist.
+
+        Raises
+        ------
+        DamagedError
+            With the name of the file.
+        """
+        if self.local is not None:
+            self._check_inside(self.local / name)
 
     def check_files(self, name: str) -> None:
         """Refuse a local folder in which anything is no regular file or leads out of the store.

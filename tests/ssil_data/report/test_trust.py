@@ -14,6 +14,7 @@ from ssil_data.pooling import HiddenMarkov, Window
 from ssil_data.report import write_report
 from ssil_data.report.evidence import Evidence
 from ssil_data.report.trust import describe_trust
+from ssil_data.scales import Quantile
 from ssil_data.scoring import Recipe, preset, score
 from ssil_data.store import Store
 from ssil_data.store.dataset import Dataset
@@ -23,8 +24,8 @@ from support.demonstrations import drive
 from support.report_page import create_plain, read_report, silent
 
 GAUSSIAN = preset("default", "gpr")
-SOUND = GAUSSIAN.with_options(expert_share=0.5)
-"""Of a share that is known: so few pairs do not say it."""
+SOUND = replace(GAUSSIAN, scale=Quantile())
+"""Of a scale without a share of experts: so few pairs do not say it."""
 
 
 def read_specs(folder: Path) -> list[dict]:
