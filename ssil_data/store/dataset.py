@@ -92,7 +92,7 @@ class Dataset:
         known = set(self.episodes["episode"].to_pylist())
         files = [file for file in self._pairs.files() if file.first in known]
         rows = sum(file.rows for file in files)
-        expected = pc.sum(self.episodes["length"]).as_py() or 0
+        expected = int(self.episodes["length"].to_numpy().sum())
         if rows != expected:
             raise DamagedError(
                 f"{self.folder.uri}: the episodes have {expected:,} pairs, and the log of pairs "
