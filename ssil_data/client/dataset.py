@@ -21,6 +21,7 @@ from ssil_data.client.wire import ARROW, IDEMPOTENCY, matrix_of_rows, pairs_of_t
 from ssil_data.demonstrations import Episode, Pairs, join_pairs
 from ssil_data.errors import InvalidInputError
 from ssil_data.estimators import Estimator
+from ssil_data.json_kinds import to_python_number
 from ssil_data.kernels import check_alpha
 from ssil_data.scoring import Progress, Recipe, preset
 from ssil_data.store.episodes import check_episode, check_labeled, repeat_per_pair
@@ -367,7 +368,7 @@ class RemoteDataset:
         SsilDataError
             If the service refuses the body.
         """
-        given = {key: value for key, value in body.items() if value is not None}
+        given = {key: to_python_number(value) for key, value in body.items() if value is not None}
         given["version"] = self.version
         headers = {IDEMPOTENCY: secrets.token_hex(16)}
         job = self._connection.json(

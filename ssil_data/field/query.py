@@ -6,12 +6,13 @@ service and the flags of the command all are the fields of `LCoRQuery`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypedDict
 
 import numpy as np
 
 from ssil_data.errors import InvalidInputError
+from ssil_data.json_kinds import to_python_number
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,9 @@ class Accuracy:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Validate, and replace numbers of NumPy by Python's."""
+        for field in fields(self):
+            object.__setattr__(self, field.name, to_python_number(getattr(self, field.name)))
         for name in ("tolerance", "seconds"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -1,5 +1,8 @@
 """A dataset of a service reads as the local one does."""
 
+from typing import Any
+
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -43,6 +46,14 @@ def test_an_episode_that_is_none_is_refused_as_locally(
     with pytest.raises(sd.NotFoundError) as there:
         dataset.episode(number)
     assert str(there.value) == str(here.value)
+
+
+def test_numbers_of_numpy_are_taken_as_locally(remote: RemoteStore):
+    names = {"state_names": STATE_NAMES, "action_names": ACTION_NAMES}
+    dataset = remote.create("numbers", drives(), **names)
+    labels: Any = np.int64(20)
+    seed: Any = np.uint8(3)
+    assert dataset.score(sd.VAE(steps=5), labels=labels, seed=seed).seed == 3
 
 
 def test_long_answers_come_in_pages(local: sd.Store):

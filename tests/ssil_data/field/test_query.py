@@ -37,6 +37,14 @@ def test_accuracy_is_validated_where_it_is_made():
         Accuracy(tolerance=0.1, seconds=1.0)
 
 
+def test_numbers_of_numpy_become_pythons():
+    query = LCoRQuery(tolerance=np.float32(0.5), seed=np.int64(3))  # pyright: ignore
+    assert query == LCoRQuery(tolerance=0.5, seed=3)
+    assert [type(each) for each in (query.tolerance, query.seed)] == [float, int]
+    assert type(LCoRQuery(contributors=np.int32(2)).contributors) is int  # pyright: ignore
+    assert type(Accuracy(seconds=np.float64(2)).seconds) is float
+
+
 def test_the_keyword_arguments_of_lcor_are_the_fields_of_its_query():
     declared = get_type_hints(LCoRQuery)
     assert get_type_hints(LCoROptions) == declared
