@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -31,6 +31,29 @@ def test_demonstrations_of_unequal_lengths_or_without_labels_are_refused() -> No
         Demonstrations(of.states, of.actions[1:], of.labeled)
     with pytest.raises(InvalidInputError, match="labeled"):
         Demonstrations(of.states, of.actions, np.zeros(len(of.states), bool))
+
+
+def test_lists_of_numbers_become_arrays() -> None:
+    wanted: dict[str, Any] = {
+        "states": [[0.0, 1.0], [2.0, 3.0]],
+        "actions": [[1.0], [2.0]],
+        "labeled": [True, False],
+        "leverage": [1.0, 0.25],
+    }
+    of = Demonstrations(**wanted)
+    for name, values in wanted.items():
+        found = getattr(of, name)
+        assert found.dtype == (bool if name == "labeled" else np.float32)
+        assert found.tolist() == values
+    for leverage, message in (
+        ([1.0, 1.5], "expected numbers from 0 to 1, found 1.5 at row 1"),
+        ([1.0], "expected one number per pair, 2, found shape"),
+        (0.5, "expected one number per pair, 2, found shape"),
+        ([1.0, "much"], "expected an array of numbers"),
+        ([1.0, [0.5]], "expected an array of numbers"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"^leverage: {message}"):
+            Demonstrations(**{**wanted, "leverage": leverage})
 
 
 @pytest.mark.parametrize("wrong", [np.nan, -0.1, 1.1, np.inf])

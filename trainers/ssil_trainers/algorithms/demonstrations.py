@@ -14,6 +14,7 @@ from ssil_data.field import LeverageField
 from ssil_data.surface import FieldLike, ModelLike
 
 _MISSING_RUN = "method: needs the leverage of a scoring run; name one"
+_ARRAYS = {"states": np.float32, "actions": np.float32, "labeled": np.bool_, "leverage": np.float32}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,9 @@ class Demonstrations:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unequal lengths, no labeled pair, and leverage out of its range."""
+        """Make arrays of lists; refuse unequal lengths, no labels, and leverage out of range."""
+        for name, kind in _ARRAYS.items():
+            _make_array(self, name, kind)
         lengths = (len(self.states), len(self.actions), len(self.labeled))
         if len(set(lengths)) > 1:
             raise InvalidInputError(
@@ -116,11 +119,22 @@ class Demonstrations:
         )
 
 
+def _make_array(of: Demonstrations, name: str, kind: type[np.generic]) -> None:
+    """Replace a list of numbers by an array; an array, and what is left out, stays as it is."""
+    value = getattr(of, name)
+    if value is None or isinstance(value, np.ndarray):
+        return
+    try:
+        object.__setattr__(of, name, np.asarray(value, kind))
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"{name}: expected an array of numbers: {error}") from None
+
+
 def _check_leverage(leverage: NDArray[np.float32], pairs: int) -> None:
     """Raise InvalidInputError unless there is one number from 0 to 1 per pair; NaN is none."""
-    if np.shape(leverage) != (pairs,):
+    if leverage.shape != (pairs,):
         raise InvalidInputError(
-            f"leverage: expected one number per pair, {pairs}, found shape {np.shape(leverage)}"
+            f"leverage: expected one number per pair, {pairs}, found shape {leverage.shape}"
         )
     outside = np.flatnonzero(~((leverage >= 0) & (leverage <= 1)))
     if len(outside):
