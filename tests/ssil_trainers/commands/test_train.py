@@ -235,6 +235,22 @@ def test_training_by_few_sure_pairs_says_how_much_of_a_batch_they_are(
         assert ("none of them counts more than a labeled one" in told) == is_told
 
 
+@pytest.mark.parametrize(("share", "is_told"), [(0.494, True), (0.497, False), (0.5, False)])
+def test_what_is_rounded_to_a_half_is_not_called_less(
+    share: float,
+    is_told: bool,
+    pendulum: Dataset,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    score(pendulum, VAE(steps=20), run="vae")
+    monkeypatch.setattr(command, "share_of_unlabeled", lambda labeled, weights: share)
+    words = ["--env", "Pendulum-v1", "--dataset", "swings", "--run", "vae", *SHORT_TRAINING]
+    assert run("train", "clone-leverage", *words, "-o", tmp_path / "out") == 0
+    assert ("not half" in " ".join(capsys.readouterr().err.split())) == is_told
+
+
 def test_training_by_sure_pairs_of_leverage_that_is_no_chance_says_so(
     pendulum: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -289,6 +305,35 @@ def test_a_run_begun_with_an_option_that_it_does_not_use_goes_on_with_it(
         assert run(*train, *wrong) == 2
         assert message in " ".join(capsys.readouterr().err.split())
         assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("method", "preset", "flags"),
+    [
+        ("clone", "default", ["--no-pretrained"]),
+        ("constant", "default", ["--discriminator-steps", "5", "--spectral-norm"]),
+        ("gail", "paper", ["--gae-lambda", "0.5", "--spectral-norm"]),
+        ("clone", "paper", ["--gae-lambda", "0.5", "--no-pretrained"]),
+    ],
+)
+def test_a_run_begun_with_an_option_whose_value_was_replaced_goes_on_with_it(
+    method: str,
+    preset: str,
+    flags: list[str],
+    pendulum: Dataset,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Version 0.1 took every option and kept the method's or the preset's value."""
+    words = ["--env", "Pendulum-v1", "--dataset", "swings", "--preset", preset]
+    train = ["train", method, *words, *SHORT_TRAINING, "-o", tmp_path / "out"]
+    assert run(*train) == 0
+    policy = (tmp_path / "out" / "policy.safetensors").read_bytes()
+    assert run(*train, *flags) == 2
+    capsys.readouterr()
+    assert run(*train, *flags, "--resume") == 0, capsys.readouterr().err
+    assert (tmp_path / "out" / "policy.safetensors").read_bytes() == policy
+    assert run(*train, *flags, "--kl", "0.3", "--resume") == 2
 
 
 def test_resuming_without_a_checkpoint_starts_and_says_so(

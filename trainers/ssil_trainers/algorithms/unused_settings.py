@@ -10,8 +10,13 @@ from types import MappingProxyType
 from typing import Any
 
 from ssil_data.errors import InvalidInputError
-from ssil_trainers.algorithms.config import TrainSettings
-from ssil_trainers.algorithms.given_settings import list_given, name_option
+from ssil_trainers.algorithms.config import PAPER, TrainSettings
+from ssil_trainers.algorithms.given_settings import (
+    GivenSettings,
+    PresetName,
+    list_given,
+    name_option,
+)
 from ssil_trainers.algorithms.methods import METHODS, Method, MethodName
 from ssil_trainers.algorithms.rewards import no_shaping, shape_by_cor, shape_by_lcor
 
@@ -125,6 +130,40 @@ def check_used(
             unused.append(f"{flag}: used by {method} only with {missing}")
     if unused:
         raise InvalidInputError("; ".join(unused))
+
+
+def leave_out_replaced(
+    method: MethodName,
+    preset: PresetName,
+    settings: TrainSettings,
+    stored: Mapping[str, Any],
+) -> TrainSettings:
+    """Return the settings of a run that goes on, without those that it was begun in spite of.
+
+    Version 0.1 took options that the method or the preset has its own value of, and trained and
+    stored that value. Such a run goes on with the command line that it was begun with.
+
+    Parameters
+    ----------
+    method:
+        Name of the method.
+    preset:
+        Name of the preset.
+    settings:
+        Settings as they were given.
+    stored:
+        Settings of the run that is resumed.
+
+    Examples
+    --------
+    >>> given = TrainSettings(gae_lambda=0.5, kl=0.02)
+    >>> list_given(leave_out_replaced("gail", "paper", given, {"gae_lambda": 0.0}))
+    ['kl']
+    """
+    own = {**(PAPER if preset == "paper" else {}), **METHODS[method].fixed_settings}
+    replaced = {name for name, value in own.items() if name in stored and stored[name] == value}
+    kept = [name for name in list_given(settings) if name not in replaced]
+    return GivenSettings(**{name: getattr(settings, name) for name in kept})
 
 
 def _find_missing(name: str, method: Method, settings: TrainSettings) -> str:

@@ -18,7 +18,7 @@ from ssil_trainers.algorithms.expert_weights import SURE
 from ssil_trainers.algorithms.given_settings import GivenSettings, PresetName, apply_preset
 from ssil_trainers.algorithms.half_labeled_sampler import share_of_unlabeled
 from ssil_trainers.algorithms.methods import METHODS, MethodName
-from ssil_trainers.algorithms.unused_settings import check_used
+from ssil_trainers.algorithms.unused_settings import check_used, leave_out_replaced
 from ssil_trainers.envs.registry import find_spec, make_vectorized
 from ssil_trainers.training.checkpoint import CHECKPOINT, read_settings
 from ssil_trainers.training.data import TrainingData
@@ -71,8 +71,10 @@ def train(
     find_spec(env)
     folder = output or _default_folder(method, env, source, settings.seed)
     goes_on = resume and (folder / CHECKPOINT).exists()
-    check_used(method, settings, stored=read_settings(folder) if goes_on else None)
-    chosen = apply_preset(preset, settings)
+    stored = read_settings(folder) if goes_on else None
+    given = settings if stored is None else leave_out_replaced(method, preset, settings, stored)
+    check_used(method, given, stored=stored)
+    chosen = apply_preset(preset, given)
     if resume and not goes_on:
         print(f"No checkpoint in {folder}: training starts from the beginning.", file=sys.stderr)
     try:
