@@ -129,11 +129,15 @@ class JobQueue:
                 has_failed = True
 
     def _adopt_late(self, living: set[str]) -> None:
-        """Adopt what this server has room for; waiting jobs are left while no thread is idle."""
+        """Adopt what was running, and what waits while a thread is idle or younger jobs are here.
+
+        At a busy server one orphan at a time waits behind the queue, and the others are left to
+        servers that are idle.
+        """
         for record in self._find_orphans(living):
             if self._closing.is_set():
                 return
-            if record.state == "running" or self._is_idle():
+            if record.state == "running" or self._is_idle() or self._registry.has_turn(record):
                 with suppress(OSError):  # what cannot be read now is looked at again
                     self._adopt(record)
 
@@ -235,7 +239,11 @@ class JobQueue:
                 request_digest=request.request_digest,
                 created=utc_now(),
             )
-            self._registry.accept(record)
+            try:
+                self._registry.accept(record)
+            except Problem:  # an error may come after it is written: it must not run all the same
+                self.journal.forget(record.id)
+                raise
         return record.to_json()
 
     def find_repeated(self, key: str | None, request_digest: str) -> dict[str, Any] | None:
@@ -304,7 +312,7 @@ class JobQueue:
         Parameters
         ----------
         job_id
-            Of a job of this server.
+            Of a job of this server, or of a dead one.
 
         Returns
         -------
@@ -320,8 +328,25 @@ class JobQueue:
         Problem
             503 if the journal cannot be written.
         """
-        self._registry.cancel(job_id)
+        record = self._registry.find(job_id)
+        own = self._registry.find_unfinished()
+        if record is None or record.has_ended or job_id in own:
+            self._registry.cancel(job_id)
+        else:
+            self._cancel_elsewhere(job_id)
         return self.get(job_id)
+
+    def _cancel_elsewhere(self, job_id: str) -> None:
+        """Cancel the job of a dead server, which no other can; refuse that of a living one."""
+        with self.lease.adopt_orphans() as living:
+            orphan = next((each for each in self._find_orphans(living) if each.id == job_id), None)
+            if orphan is not None and orphan.state == "running":
+                with suppress(OSError):  # what cannot be read now is looked at again
+                    self._adopt(orphan)
+                orphan = None
+            if orphan is not None:
+                orphan = replace(orphan, server=self.lease.server)
+            self._registry.cancel(job_id, orphan)
 
     def _refuse_if_full(self) -> None:
         """Raise a Problem with 429 if no more jobs may wait, or the service ends."""

@@ -12,7 +12,7 @@ from ssil_data.errors import ConflictError, NotFoundError
 from ssil_service.jobs.journal import ENDED, KEPT, JobRecord, JobState, Journal
 from ssil_service.jobs.runner import Ending
 from ssil_service.logs import log_event
-from ssil_service.problems import busy
+from ssil_service.problems import Problem, busy
 from ssil_service.workers.worker import Worker
 
 
@@ -117,6 +117,24 @@ class JobRegistry:
         with self._changed:
             unfinished = {job_id for job_id, job in self._jobs.items() if not job.record.has_ended}
             return unfinished | self._unwritten.keys()
+
+    def has_turn(self, record: JobRecord) -> bool:
+        """Tell whether a job that waits elsewhere has waited longer than what this server has.
+
+        Parameters
+        ----------
+        record
+            Of the job.
+
+        Returns
+        -------
+        bool
+            Whether it is older than all jobs that wait here; where none does, than one that runs.
+        """
+        own = self._own_records()
+        waiting = [each.created for each in own if each.state == "queued"]
+        running = [each.created for each in own if each.state == "running"]
+        return record.created < (min(waiting) if waiting else max(running, default=""))
 
     def counts(self) -> dict[str, int]:
         """Count this server's jobs by state."""
@@ -227,13 +245,15 @@ class JobRegistry:
 
     # how it ends
 
-    def cancel(self, job_id: str) -> None:
+    def cancel(self, job_id: str, orphan: JobRecord | None = None) -> None:
         """Cancel a queued job, or stop a running one; one that has ended stays as it is.
 
         Parameters
         ----------
         job_id
-            Of a job of this server.
+            Of a job of this server, or of the orphan.
+        orphan
+            A queued job that is adopted to be canceled, if it was not adopted meanwhile.
 
         Raises
         ------
@@ -251,16 +271,37 @@ class JobRegistry:
             if record.has_ended:
                 return
             job = self._jobs.get(job_id)
+            if job is None and orphan is not None:
+                canceled = replace(orphan, state="cancelled", ended=utc_now())
+                self._write_or_refuse(canceled)
+                self.restore(canceled)
+                return
             if job is None:
                 raise ConflictError(f"job {job_id}: belongs to another server; cancel it there")
             if job.record.state == "queued":
-                record = replace(job.record, state="cancelled", ended=utc_now())
-                self._write_or_refuse(record)
-                job.record = record
+                self._cancel_queued(job)
                 return
             job.cancel_requested = True
             if job.worker is not None:
                 job.worker.kill_soon()
+
+    def _cancel_queued(self, job: Job) -> None:
+        """Write that a queued job is canceled; what the other servers see is so here too.
+
+        An error of the disk may come after the record is written: the job is canceled then, though
+        that is not acknowledged, and its record is written again by `write_endings`.
+        """
+        record = replace(job.record, state="cancelled", ended=utc_now())
+        try:
+            self._write_or_refuse(record)
+        except Problem:
+            written = self._journal.get(record.id)
+            if written is None or not written.has_ended:
+                raise
+            self._unwritten[record.id] = record
+            job.record = record
+            raise
+        job.record = record
 
     def finish(self, job: Job, ending: Ending) -> None:
         """Record how a job ended; what the disk refuses is tried again by `write_endings`.

@@ -16,6 +16,7 @@ from ssil_service.jobs.journal import JobRecord, Journal
 from ssil_service.jobs.queue import JobQueue, JobRequest
 from ssil_service.jobs.registry import utc_now
 from ssil_service.jobs.runner import Ending, Runner
+from ssil_service.problems import Problem
 from ssil_service.workers.lease import ServerLease
 
 Work = Callable[..., Any]
@@ -329,6 +330,152 @@ def test_a_refusal_is_told_again_once_the_disk_has_taken_a_record(
         wait_until(lambda: len(refused) >= 2)
     wait_until(lambda: find(journal, job).has_ended)
     assert logged(caplog) == ["journal not written"] * 2
+
+
+def test_a_submission_that_is_refused_after_it_was_written_does_not_run(
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+    looks: Looks,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    queue = start(nothing)
+    with (
+        refused_writes(monkeypatch, half_done=True),
+        pytest.raises(Problem, match="retry after 30 s"),
+    ):
+        submit(folder, queue, "own")
+    looks.wait_for(2)
+    assert (journal.all(), queue.all()) == ([], [])
+    submit(folder, queue, "own")  # its name is free
+    wait_until(lambda: queue.counts()["succeeded"] == 1)
+    assert queue.pool.runs == ["own"]  # pyright: ignore
+
+
+def test_a_cancel_that_is_refused_after_it_was_written_counts_at_all_servers(
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+    looks: Looks,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    end = threading.Event()
+    queue = start(lambda: end.wait(20), nothing)
+    submit(folder, queue, "running")
+    wait_until(lambda: queue.counts()["running"] == 1)
+    job = submit(folder, queue, "waiting")
+    with refused_writes(monkeypatch, half_done=True), pytest.raises(Problem):
+        queue.cancel(job)
+    assert find(journal, job).state == queue.get(job)["state"] == "cancelled"
+    (journal_folder(folder) / f"{job}.json").unlink()  # as if it were not on the disk after all
+    looks.wait_for(2)
+    end.set()
+    wait_until(lambda: queue.counts()["succeeded"] == 1)
+    looks.wait_for(1)
+    assert find(Journal(journal_folder(folder)), job).state == "cancelled"
+    assert queue.pool.runs == ["running"]  # pyright: ignore
+
+
+# the turn of those that wait
+
+
+def test_an_orphan_at_a_busy_server_runs_though_new_jobs_keep_coming(
+    folder: Path, journal: Journal, start: Callable[..., JobQueue], looks: Looks
+):
+    queue = start(*[lambda: time.sleep(0.1)] * 200)
+    orphans = [write_orphan(folder, journal, number=number) for number in (1, 2)]
+    sent = 0
+    deadline = time.monotonic() + 20
+    while not all(find(journal, orphan).has_ended for orphan in orphans):
+        assert time.monotonic() < deadline
+        if queue.counts()["queued"] < 2:
+            submit(folder, queue, f"own-{sent}")
+            sent += 1
+        time.sleep(0.01)
+
+
+def test_orphans_at_a_busy_server_wait_one_at_a_time(
+    folder: Path, journal: Journal, start: Callable[..., JobQueue], looks: Looks
+):
+    end = threading.Event()
+    queue = start(lambda: end.wait(20), *[nothing] * 4)
+    with queue.lease.exclusive():  # between two looks
+        orphans = [write_orphan(folder, journal, number=number) for number in (1, 2, 3)]
+    wait_until(lambda: queue.counts()["running"] == 1)
+    looks.wait_for(3)
+    assert [find(journal, orphan).server == DEAD for orphan in orphans] == [False, True, True]
+    end.set()
+    wait_until(lambda: all(find(journal, orphan).has_ended for orphan in orphans))
+    assert queue.pool.runs == ["left-1", "left-2", "left-3"]  # pyright: ignore
+
+
+def test_an_orphan_that_is_younger_than_what_runs_is_left_to_a_server_that_is_idle(
+    folder: Path, journal: Journal, start: Callable[..., JobQueue], looks: Looks
+):
+    end = threading.Event()
+    busy = start(lambda: end.wait(20))
+    submit(folder, busy, "own")
+    wait_until(lambda: busy.counts()["running"] == 1)
+    job = write_orphan(folder, journal)
+    looks.wait_for(3)
+    assert find(journal, job).server == DEAD
+    idle = start(nothing)
+    wait_until(lambda: find(journal, job).state == "succeeded")
+    end.set()
+    assert idle.pool.runs == ["left-1"]  # pyright: ignore
+
+
+@pytest.mark.parametrize(("state", "end"), [("queued", "cancelled"), ("running", "failed")])
+def test_the_job_of_a_dead_server_is_canceled_at_a_busy_one(
+    state: str,
+    end: str,
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+):
+    go_on = threading.Event()
+    queue = start(lambda: go_on.wait(20))
+    submit(folder, queue, "own")
+    wait_until(lambda: queue.counts()["running"] == 1)
+    job = write_orphan(folder, journal, state)  # no look comes before it is canceled
+    assert queue.cancel(job)["state"] == end
+    assert find(journal, job).state == end
+    go_on.set()
+    wait_until(lambda: queue.counts()["succeeded"] == 1)
+    assert queue.pool.runs == ["own"]  # pyright: ignore
+
+
+@pytest.mark.parametrize("half_done", [False, True])
+def test_a_cancel_of_a_dead_server_s_job_that_is_refused_can_be_sent_again(
+    half_done: bool,
+    folder: Path,
+    journal: Journal,
+    start: Callable[..., JobQueue],
+    monkeypatch: pytest.MonkeyPatch,
+):
+    queue = start()
+    job = write_orphan(folder, journal)
+    with (
+        refused_writes(monkeypatch, half_done=half_done),
+        pytest.raises(Problem, match="retry after 30 s"),
+    ):
+        queue.cancel(job)
+    assert queue.get(job)["state"] == ("cancelled" if half_done else "queued")
+    assert queue.cancel(job)["state"] == find(journal, job).state == "cancelled"
+
+
+def test_a_job_of_a_living_server_is_canceled_there_only(
+    folder: Path, start: Callable[..., JobQueue]
+):
+    end = threading.Event()
+    one, other = start(lambda: end.wait(20), nothing), start()
+    jobs = [submit(folder, one, name) for name in ("running", "waiting")]
+    wait_until(lambda: one.counts()["running"] == 1)
+    for job in jobs:
+        with pytest.raises(sd.ConflictError, match="belongs to another server; cancel it there"):
+            other.cancel(job)
+    end.set()
+    wait_until(lambda: one.counts()["succeeded"] == 2)
 
 
 # the end
