@@ -376,6 +376,23 @@ def test_many_commits_remove_nothing_of_the_history(store: Store):
         Dataset(dataset.folder)
 
 
+def test_a_checkpoint_that_cannot_be_made_fails_no_commit(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("ssil_data.store.delta_log.EVERY", 1)
+
+    def refuse(source: object, target: object) -> None:
+        raise OSError(95, "Operation not supported")  # as file systems without links do
+
+    monkeypatch.setattr("os.link", refuse)
+    newer = dataset.append([drive(99, 7)])
+    assert newer.find_damage() == []
+    assert not list(local(dataset).glob("*/_delta_log/*.parquet"))
+    assert not list(local(dataset).glob("*/.checkpoint-*"))
+    monkeypatch.undo()
+    assert newer.append([drive(98, 7)]).versions[:2] == newer.versions
+
+
 def test_a_history_that_another_writer_cut_off_is_read_from_where_it_begins(dataset: Dataset):
     for number in range(3):
         dataset = dataset.append([drive(90 + number, 7)])
